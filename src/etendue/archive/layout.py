@@ -1,0 +1,184 @@
+"""Where everything stands in an archive: groups, arrays, dims and coordinates, from a plan alone.
+
+A stage is a group; its variables have the axes that reach it in front of their own dims. Where an axis changes the
+grid, the group holds attributes only and a child for each shape, named by the shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.spec.grid import Bands, Coordinate, Labels, Line
+from etendue.spec.variables import LONG_NAMES
+
+STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
+AXIS_NAMES = {"f_number": "f-number", "pixel_pitch": "pixel pitch", "integration_time": "integration time"}
+
+
+@dataclass
+class CoordinateLayout:
+    """A coordinate array: its dims, values and attributes."""
+
+    dims: tuple[str, ...]
+    values: Any
+    attrs: dict[str, Any]
+
+
+@dataclass
+class VariableLayout:
+    """One variable of one group."""
+
+    name: str
+    axes: tuple[str, ...]
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]  # of one cell
+    dtype: str
+    attrs: dict[str, Any]
+
+
+@dataclass
+class GroupLayout:
+    """One group with arrays: a stage, or one shape of a stage."""
+
+    path: str
+    node: str
+    axes: dict[str, list[Any]]
+    variables: dict[str, VariableLayout]
+    coordinates: dict[str, CoordinateLayout]
+    cells: dict[CellRef, tuple[int, ...]] = field(default_factory=dict)
+    attrs: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Layout:
+    """All groups of a plan, and the group of every cell."""
+
+    groups: dict[str, GroupLayout]
+    parents: dict[str, dict[str, Any]]
+    home: dict[CellRef, str]
+
+
+def layout_of(plan: Plan) -> Layout:
+    """The layout of all kept variables of a plan."""
+    groups: dict[str, GroupLayout] = {}
+    parents: dict[str, dict[str, Any]] = {}
+    home: dict[CellRef, str] = {}
+    for node in plan.nodes:
+        kept = [v for v in node.writes if (node.name, v) in plan.kept]
+        if not kept:
+            continue
+        cells = plan.of(node.name)
+        attrs = _node_attributes(plan, node)
+        varies = any(cell.grids != cells[0].grids for cell in cells)
+        if varies:
+            parents[node.name] = attrs
+        for cell in cells:
+            path = f"{node.name}/{_shape_name(cell)}" if varies else node.name
+            home[cell.ref] = path
+            if path not in groups:
+                groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {}, attrs={} if varies else attrs)
+            group = groups[path]
+            for dim, i in zip(node.axes, cell.index, strict=True):
+                value = plan.axis(dim).values[i]
+                if value not in group.axes[dim]:
+                    group.axes[dim].append(value)
+        for path in dict.fromkeys(home[cell.ref] for cell in cells):
+            _fill(plan, node, groups[path], [c for c in cells if home[c.ref] == path], kept)
+    return Layout(groups, parents, home)
+
+
+def _shape_name(cell: Cell) -> str:
+    sizes: dict[str, int] = {}
+    for grid in cell.grids.values():
+        for dim, coordinate in grid.entries:
+            sizes.setdefault(dim, coordinate.size)
+    return f"{sizes['y']}x{sizes['x']}" if "y" in sizes and "x" in sizes else "_".join(f"{d}{n}" for d, n in sizes.items()) or "scalar"
+
+
+def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kept: Sequence[str]) -> None:
+    for dim in group.axes:
+        axis = plan.axis(dim)
+        attrs = {"long_name": AXIS_NAMES.get(axis.key, axis.key), "units": axis.units or "1", "parameter": axis.key}
+        group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
+    for cell in cells:
+        labels = plan.labels(cell.ref)
+        group.cells[cell.ref] = tuple(group.axes[dim].index(labels[dim]) for dim in node.axes)
+    for name in kept:
+        declaration = node.writes[name]
+        grid = cells[0].grids[name]
+        dims = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
+        attrs = {"units": declaration.unit, "long_name": LONG_NAMES.get(name, name.replace("_", " "))}
+        dtype = plan.precision if declaration.dtype == "float" else declaration.dtype
+        group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs)
+        for dim in dims:
+            if dim not in group.coordinates:
+                _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
+
+
+def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:
+    first = next(iter(by_cell.values()))
+    if isinstance(first, Bands):
+        group.coordinates[dim] = CoordinateLayout(
+            (dim,), first.values(), {"units": "nm", "long_name": "wavelength", "standard_name": "radiation_wavelength", "bounds": "wavelength_bounds"}
+        )
+        bounds = [list(pair) for pair in zip(first.edges[:-1], first.edges[1:], strict=True)]
+        group.coordinates["wavelength_bounds"] = CoordinateLayout((dim, "bound"), bounds, {"units": "nm", "long_name": "edges of the wavelength bins"})
+        return
+    if isinstance(first, Labels):
+        attrs = {"long_name": dim} | ({"units": first.units} if first.units else {})
+        group.coordinates[dim] = CoordinateLayout((dim,), first.values(), attrs)
+        return
+    lines = {ref: c for ref, c in by_cell.items() if isinstance(c, Line)}
+    same = all((c.start, c.step) == (first.start, first.step) for c in lines.values())
+    if same:
+        attrs = {"units": first.units, "long_name": f"{dim} on the image plane" if first.units == "um" else f"pixel index along {dim}"}
+        group.coordinates[dim] = CoordinateLayout((dim,), first.values(), attrs)
+    else:
+        group.coordinates[dim] = CoordinateLayout((dim,), list(range(first.size)), {"units": "1", "long_name": f"sample index along {dim}"})
+    if first.position is not None or not same:
+        _positions(node, group, dim, lines)
+
+
+def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
+    """``y_um`` over the axes that move it."""
+    moving = []
+    for number, axis in enumerate(node.axes):
+        rest: dict[tuple[int, ...], set[tuple[float, float]]] = {}
+        for ref, line in lines.items():
+            rest.setdefault((*ref[1][:number], *ref[1][number + 1 :]), set()).add(line.um())
+        if any(len(found) > 1 for found in rest.values()):
+            moving.append(axis)
+    size = next(iter(lines.values())).size
+
+    def nested(left: list[str], at: dict[str, int]) -> Any:
+        if left:
+            return [nested(left[1:], {**at, left[0]: i}) for i in range(len(group.axes[left[0]]))]
+        for ref in lines:
+            place = dict(zip(node.axes, group.cells[ref], strict=True))
+            if all(place[a] == i for a, i in at.items()):
+                start, step = lines[ref].um()
+                return [start + step * i for i in range(size)]
+        return [float("nan")] * size
+
+    attrs = {"units": "um", "long_name": f"{dim} of the centres on the image plane"}
+    group.coordinates[f"{dim}_um"] = CoordinateLayout((*moving, dim), nested(moving, {}), attrs)
+
+
+def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:
+    one = node.alternatives[0]
+    return {
+        "stage": [a.use for a in node.alternatives] if len(node.alternatives) > 1 else one.use,
+        "distribution": f"{one.distribution} {one.version}",
+        "order": node.number,
+    }
+
+
+def cell_name(plan: Plan, ref: CellRef) -> str:
+    """A cell by stage and axis values: the same name whatever else is swept."""
+    labels = plan.labels(ref)
+    return " ".join([ref[0], *(f"{dim}={value!r}" if isinstance(value, str) else f"{dim}={value}" for dim, value in labels.items())])
+
+

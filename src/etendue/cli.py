@@ -1,0 +1,210 @@
+"""The command line. Bodies import what they need when they run, so that ``--help`` costs nothing."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+class _Main(click.Group):
+    """Turns errors raised on purpose into one clear message and the right exit code."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from etendue.errors import EtendueError, RequestError
+
+        as_json = "--json" in sys.argv
+        try:
+            return super().invoke(ctx)
+        except RequestError as error:
+            if as_json:
+                faults = [{"file": error.file, "place": f.place, "message": f.message} for f in error.faults]
+                click.echo(json.dumps({"faults": faults}))
+            else:
+                click.echo(str(error), err=True)
+            ctx.exit(2)
+        except EtendueError as error:
+            click.echo(str(error), err=True)
+            ctx.exit(error.exit_code)
+        except OSError as error:
+            click.echo(f"the machine refused: {error}; the archive is intact, run again when there is room", err=True)
+            ctx.exit(5)
+        except KeyboardInterrupt:
+            click.echo("interrupted; the archive is intact, run again to go on", err=True)
+            ctx.exit(130)
+
+
+@click.group(cls=_Main, context_settings=CONTEXT)
+@click.version_option(package_name="etendue")
+def main() -> None:
+    """A digital camera, from scene light to display colour, as a graph of replaceable stages.
+
+    \b
+    etendue run pipelines/smallest.toml     run it, archive it, show it
+    etendue plan pipelines/sweep.toml       what would run, before it does
+    etendue stages                          what is installed
+    etendue show smallest                   what is in an archive
+    """
+
+
+def _number(text: str) -> Any:
+    """A value of the command line: number, true/false, list, or text (units allowed)."""
+    from decimal import Decimal, InvalidOperation
+
+    stripped = text.strip()
+    if stripped in ("true", "false"):
+        return stripped == "true"
+    if stripped.startswith("[") or stripped.startswith("{"):
+        import tomllib
+
+        try:
+            return tomllib.loads(f"v = {stripped}", parse_float=Decimal)["v"]
+        except tomllib.TOMLDecodeError:
+            return stripped
+    try:
+        value = Decimal(stripped)
+    except InvalidOperation:
+        return stripped
+    return int(value) if value == value.to_integral_value() and "." not in stripped and "e" not in stripped.lower() else value
+
+
+def _overrides(settings: tuple[str, ...], sweeps: tuple[str, ...], want: tuple[str, ...], tolerance: str | None) -> dict[str, Any]:
+    from etendue.errors import Fault, RequestError
+
+    found: dict[str, Any] = {}
+    faults = []
+    for option, texts in (("--set", settings), ("--sweep", sweeps)):
+        for text in texts:
+            key, equals, value = text.partition("=")
+            if not equals or not key.strip():
+                faults.append(Fault(f"{option} {text}", "expected name=value"))
+                continue
+            if option == "--set":
+                found[key.strip()] = _number(value)
+            else:
+                found[f"sweep.{key.strip()}"] = _number(value) if value.strip()[:1] in "[{" else [_number(v) for v in value.split(",")]
+    if faults:
+        raise RequestError(faults)
+    if want:
+        found["wanted"] = [v for text in want for v in text.split(",")]
+    if tolerance is not None:
+        found["tolerance"] = _number(tolerance)
+    return found
+
+
+def _pipeline_options(function: Any) -> Any:
+    for option in reversed(
+        (
+            click.argument("file", type=click.Path(path_type=Path)),
+            click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="camera.f_number=4, sharpen.strength=0.3, seed=7; may be repeated."),
+            click.option("--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="f_number=1.4,2,2.8 or demosaic.use=a,b; may be repeated."),
+            click.option("--want", multiple=True, metavar="VARIABLE", help="Compute this variable (or stage.variable) instead of the file's."),
+            click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale."),
+            click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need."),
+            click.option("--json", "as_json", is_flag=True, help="JSON on stdout."),
+        )
+    ):
+        function = option(function)
+    return function
+
+
+def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool) -> Any:
+    from etendue.plan.planner import make_plan
+    from etendue.registry import installed_stages
+    from etendue.spec.pipeline import read_pipeline
+
+    pipeline = read_pipeline(file, _overrides(settings, sweeps, want, tolerance))
+    return make_plan(pipeline, installed_stages(), not nothing_left_out)
+
+
+@main.command()
+@_pipeline_options
+def plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, as_json: bool) -> None:
+    """What would run: stages, cells, bytes, time, what is left out and why."""
+    from etendue.plan.planner import summary
+
+    made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out)
+    document = summary(made)
+    if as_json:
+        click.echo(json.dumps(document))
+        return
+    from etendue.report.terminal import print_plan
+
+    print_plan(document)
+
+
+@main.command()
+@_pipeline_options
+@click.option("--archive", type=click.Path(path_type=Path), metavar="DIR", help="Where results are kept; default ./<name of the pipeline>.")
+@click.option("--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port.")
+@click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
+@click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line.")
+@click.option("--recompute", is_flag=True, help="Compute again what is already finished.")
+@click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform.")
+@click.option("--quiet", is_flag=True, help="No progress.")
+def run(
+    file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, as_json: bool, archive: Path | None,
+    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Run a pipeline: compute what is not there yet, keep it, show it.
+
+    On an archive that exists this resumes. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
+    4 the archive is in use, 5 the machine is short, 130 interrupted (the archive is intact).
+    """
+    made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out)
+    from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
+    from etendue.session import Options, check_scheduler, execute
+
+    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform)
+    folder = archive or Path(made.pipeline.name)
+    if not as_json:
+        for text in made.warnings:
+            click.echo(f"note: {text}", err=True)
+    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    if as_json:
+        click.echo(json.dumps(outcome_document(outcome)))
+    else:
+        print_outcome(outcome)
+    sys.stdout.flush()
+    sys.exit(3 if outcome.failed else 0)
+
+
+@main.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def stages(name: str | None, as_json: bool) -> None:
+    """What is installed, from which distribution, what it reads and writes, its parameters."""
+    from etendue.errors import RequestError, nearest
+    from etendue.registry import installed_stages
+    from etendue.report.terminal import print_stage, print_stages, stage_document
+
+    registry = installed_stages()
+    if name is not None and name not in registry:
+        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}")
+    documents = [stage_document(registry, one) for one in ([name] if name else registry.names())]
+    if as_json:
+        click.echo(json.dumps(documents))
+    elif name:
+        print_stage(documents[0])
+    else:
+        print_stages(documents)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def show(folder: Path, as_json: bool) -> None:
+    """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
+    from etendue.archive.describe import describe_archive
+    from etendue.report.terminal import print_archive
+
+    document = describe_archive(folder)
+    if as_json:
+        click.echo(json.dumps(document))
+    else:
+        print_archive(document)

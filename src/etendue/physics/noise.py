@@ -1,0 +1,247 @@
+"""Draws: counts of electrons about a mean, and patterns that belong to the sensor.
+
+In:  expected charge (electrons); a generator, a uniform per pixel, or the words that name a pattern.
+Out: whole numbers of electrons in the dtype of the mean; standard normals by absolute pixel.
+Sources: Cornish and Fisher 1938 (normal form of a Poisson quantile); Salmon et al. 2011 (Philox).
+
+The exact laws, with which these draws are judged, are in `distributions.py`.
+"""
+
+import hashlib
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from scipy import special
+
+LARGEST_MEAN = 9.2e18  # numpy's exact sampler counts in int64
+SMALLEST_NORMAL_MEAN = 10.0  # below, the cubic of `cornish_fisher` folds inside the range of normals
+TILE = 64  # pixels
+
+
+def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0) -> NDArray:
+    """Poisson counts: exact where they are few, a corrected normal where they are many.
+
+    Parameters
+    ----------
+    mean : (...) array, electrons
+        0 to 9.2e18.
+    rng : numpy Generator
+        Advances by what the frame needs: one normal per pixel at or above exact_below, after the exact draws.
+    exact_below : float, electrons
+        10 or more; infinity makes every draw exact.
+
+    Returns
+    -------
+    (...) array, electrons, dtype of mean (integers become float64)
+        Whole numbers. float32 holds every whole number up to 1.7e7 and rounds beyond, by 6e-8 of the count.
+
+    Raises
+    ------
+    ValueError
+        If a mean is NaN, negative or too large, or exact_below is not allowed.
+
+    Notes
+    -----
+    Source: numpy's sampler, and `cornish_fisher` of a normal. Total variation from Poisson: 0 below
+    exact_below; 5.6e-4 at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000
+    (`distributions.poisson_total_variation`).
+    """
+    mean = _means(mean)
+    exact_below = float(exact_below)
+    if not exact_below >= SMALLEST_NORMAL_MEAN:
+        raise ValueError(
+            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
+        )
+    few = mean < exact_below
+    if few.all():
+        return np.asarray(rng.poisson(mean)).astype(mean.dtype)
+    if not few.any():
+        return cornish_fisher(mean, _normals(rng, mean.shape, mean.dtype))
+    counts = np.empty_like(mean)
+    counts[few] = rng.poisson(mean[few])
+    many = mean[~few]
+    counts[~few] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
+    return counts
+
+
+def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float = 30.0) -> NDArray:
+    """Poisson counts from given uniforms: for a fixed uniform the count never falls when the mean grows.
+
+    Parameters
+    ----------
+    mean : (...) array, electrons
+        0 to 9.2e18.
+    uniform : (...) array, dimensionless
+        0 <= u < 1; the shapes broadcast. float32 uniforms have no tail beyond 6e-8.
+    exact_below : float, electrons
+        From 10 to 200; the inverse is searched below and the corrected normal used above.
+
+    Returns
+    -------
+    (...) array, electrons, dtype of mean (integers become float64)
+        The smallest k with u < F(k; mean), F from scipy's `pdtr` (1e-15).
+
+    Raises
+    ------
+    ValueError
+        If a mean, a uniform or exact_below is not allowed.
+
+    Notes
+    -----
+    Source: inversion, started at a Cornish-Fisher quantile and corrected one step at a time; above
+    exact_below `cornish_fisher` of the normal quantile, limited to 8.3 sigma. At the seam the exact count is
+    kept until the normal form has passed it, so that nothing falls there. For sweeps under one noise
+    ("common"): the same generator state through a rejection sampler decorrelates at mean changes of 1e-4.
+    """
+    mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
+    if not np.all((uniform >= 0) & (uniform < 1)):
+        raise ValueError(f"uniform goes from {uniform.min()} to {uniform.max()}; allowed is 0 <= u < 1")
+    if not SMALLEST_NORMAL_MEAN <= exact_below <= 200:
+        raise ValueError(
+            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 200"
+        )
+    work = mean.astype(np.float64).reshape(-1)
+    uniform = uniform.reshape(-1)
+    normal = np.clip(special.ndtri(uniform), -8.3, 8.3)
+    counts = np.empty_like(work)
+    few = work < exact_below
+    counts[few] = _inverse(work[few], uniform[few], normal[few])
+    counts[~few] = cornish_fisher(work[~few], normal[~few])
+    near = ~few & (work < exact_below + 4 * exact_below**0.5)
+    seam = np.full(np.count_nonzero(near), float(exact_below))
+    counts[near] = np.maximum(counts[near], _inverse(seam, uniform[near], normal[near]))
+    return counts.reshape(mean.shape).astype(mean.dtype)
+
+
+def cornish_fisher(mean: NDArray, normal: NDArray) -> NDArray:
+    """Poisson quantile at a normal quantile, nearly.
+
+    Parameters
+    ----------
+    mean : (...) array, electrons
+        10 or more; the cubic folds within 7 sigma below.
+    normal : (...) array, dimensionless
+
+    Returns
+    -------
+    (...) array, electrons
+        floor(m + sqrt(m) z + 1/3 + z^2/6 - (z^3 + 2 z)/(72 sqrt(m))), 0 at least.
+
+    Notes
+    -----
+    Source: Cornish-Fisher expansion to third order, the continuity correction folded into 1/3.
+    """
+    root = np.sqrt(mean)
+    thin = 1 / (72 * root)
+    count = normal * (normal * (1 / 6 - normal * thin) + (root - 2 * thin))
+    count += 1 / 3
+    count += mean
+    return np.maximum(np.floor(count), 0)
+
+
+def philox(seed_words: bytes) -> np.random.Generator:
+    """A generator that is a function of a name: equal bytes give equal draws, in any order.
+
+    Parameters
+    ----------
+    seed_words : bytes
+        Any length.
+
+    Returns
+    -------
+    numpy Generator over Philox
+        Its 128-bit key is the BLAKE2b hash of the words; the counter starts at 0.
+    """
+    key = hashlib.blake2b(seed_words, digest_size=16).digest()
+    return np.random.Generator(np.random.Philox(key=np.frombuffer(key, "<u8").astype(np.uint64)))
+
+
+def sensor_normal(
+    seed_words: bytes,
+    first_row: int,
+    first_column: int,
+    rows: int,
+    columns: int,
+    dtype: DTypeLike = np.float32,
+) -> NDArray:
+    """Standard normals that belong to the sensor's pixels: DSNU, PRNU and their like.
+
+    Parameters
+    ----------
+    seed_words : bytes
+        What names the pattern: seed, stage, sensor serial.
+    first_row, first_column : int, pixels
+        Absolute position of the window; any sign.
+    rows, columns : int, pixels
+        Size of the window, at or above 0.
+    dtype : float32 or float64
+        The two are different patterns.
+
+    Returns
+    -------
+    (rows, columns) array, dimensionless
+        Equals the crop of any larger window, bit for bit.
+
+    Raises
+    ------
+    ValueError
+        If a size is negative.
+
+    Notes
+    -----
+    One `philox` generator per 64 x 64 tile of absolute coordinates, named by seed_words and two 8-byte
+    little-endian signed tile numbers. A window that cuts a tile pays for the whole of it.
+    """
+    if rows < 0 or columns < 0:
+        raise ValueError(f"the window is {rows} x {columns} pixels; allowed are sizes at or above 0")
+    window = np.empty((rows, columns), dtype)
+    for row in range(first_row // TILE, -(-(first_row + rows) // TILE)):
+        for column in range(first_column // TILE, -(-(first_column + columns) // TILE)):
+            name = (
+                seed_words
+                + row.to_bytes(8, "little", signed=True)
+                + column.to_bytes(8, "little", signed=True)
+            )
+            tile = philox(name).standard_normal((TILE, TILE), dtype=window.dtype.type)
+            top, left = row * TILE - first_row, column * TILE - first_column
+            inside = np.s_[max(top, 0) : top + TILE, max(left, 0) : left + TILE]
+            window[inside] = tile[max(-top, 0) : rows - top, max(-left, 0) : columns - left]
+    return window
+
+
+def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
+    """Smallest k with uniform < F(k; mean): a guess at the normal quantile, then one step at a time."""
+    guess = mean + np.sqrt(mean) * normal + 1 / 3 + normal**2 / 6
+    counts = np.maximum(np.floor(guess), 0)
+
+    def too_high(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
+        return (k > 0) & (u < special.pdtr(k - 1, m))
+
+    def too_low(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
+        return u >= special.pdtr(k, m)
+
+    for wrong, step in ((too_high, -1), (too_low, 1)):
+        active = np.arange(counts.size)
+        while active.size:
+            active = active[wrong(counts[active], mean[active], uniform[active])]
+            counts[active] += step
+    return counts
+
+
+def _normals(rng: np.random.Generator, shape: tuple[int, ...], dtype: np.dtype) -> NDArray:
+    """One normal each, drawn in float32 for float32 means: half the time."""
+    if dtype == np.float32:
+        return rng.standard_normal(shape, dtype=np.float32)
+    return rng.standard_normal(shape).astype(dtype, copy=False)
+
+
+def _means(mean: ArrayLike) -> NDArray:
+    mean = np.asarray(mean)
+    if not np.issubdtype(mean.dtype, np.floating):
+        mean = mean.astype(np.float64)
+    if mean.size and not (mean.min() >= 0 and mean.max() <= LARGEST_MEAN):
+        raise ValueError(
+            f"mean goes from {mean.min()} to {mean.max()} electrons; allowed are 0 to {LARGEST_MEAN} and "
+            "no NaN (negative means come from an undershooting blur: clip them, and count what was clipped)"
+        )
+    return mean

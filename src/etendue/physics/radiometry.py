@@ -1,0 +1,363 @@
+"""How much light reaches the image plane, and how many photons that is.
+
+In:  f-number, magnification, tangent of the field angle; wavelengths (um), temperatures (K), energies (J).
+Out: irradiance per radiance E/L (sr), fall-off (1), photon numbers, Planck curves, plate scale and field.
+Sources: seed paper eqs. 5, 9 and 10; Foote's disc formula (Bulletin of the Bureau of Standards 12, 1915);
+Planck's law with the constants of the SI of 2019.
+
+The sign convention is the optical one: a real, inverted image has magnification m < 0, an object at infinity
+has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 is refused.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue.constants import ARCSECONDS_PER_RADIAN, BOLTZMANN, PLANCK, SPEED_OF_LIGHT
+
+FloatArray = NDArray[np.floating]
+Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+
+PHOTONS_PER_JOULE_UM = 1e-6 / (PLANCK * SPEED_OF_LIGHT)
+"""Photons per joule of light of 1 um."""
+
+SECOND_RADIATION_UM = 1e6 * PLANCK * SPEED_OF_LIGHT / BOLTZMANN
+"""The second radiation constant hc/k, um K."""
+
+
+def working_f_number(
+    f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
+) -> Floats:
+    """The f-number of the cone that arrives at the image, N_w = N (1 - m/m_p).
+
+    Parameters
+    ----------
+    f_number : float, 1
+        Focal length over entrance-pupil diameter, above 0.
+    magnification : float, 1
+        Signed: 0 for a distant object, negative for a real image.
+    pupil_magnification : float, 1
+        Exit-pupil over entrance-pupil diameter, above 0.
+
+    Raises
+    ------
+    ValueError
+        For f_number <= 0, magnification > 0 or pupil_magnification <= 0, and for NaN.
+
+    Notes
+    -----
+    Source: seed paper eq. 5, the factor f/# (1 - m), with the pupil magnification of a thick lens.
+    """
+    _require(f_number, "f_number", np.greater, "above 0")
+    _require(pupil_magnification, "pupil_magnification", np.greater, "above 0")
+    _require(magnification, "magnification", np.less_equal, "0 or below: a real image is inverted")
+    return f_number * (1.0 - magnification / pupil_magnification)
+
+
+def aplanatic_factor(
+    f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
+) -> Floats:
+    """E/L on the axis of a lens that keeps Abbe's sine condition, pi / (4 N_w^2).
+
+    Parameters
+    ----------
+    f_number, magnification, pupil_magnification : float, 1
+        As in `working_f_number`.
+
+    Returns
+    -------
+    float, sr
+        Irradiance per scene radiance for a lossless lens, at most pi.
+
+    Raises
+    ------
+    ValueError
+        For a working f-number below 0.5, where the sine of the cone would exceed 1.
+
+    Notes
+    -----
+    Source: E = pi L sin^2 theta' with sin theta' = 1/(2 N_w) (Born and Wolf, section 4.8). It exceeds
+    `flat_disc_factor` by exactly 1 + 1/(4 N_w^2): 3.2 % at f/2.8.
+    Error: below 4e-16 relative for f/0.5 to f/128.
+    """
+    working = working_f_number(f_number, magnification, pupil_magnification)
+    if not np.all(np.asarray(working) >= 0.5):
+        raise ValueError(
+            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); "
+            "an aplanatic lens in air has at least 0.5"
+        )
+    return np.pi / (4.0 * working**2)
+
+
+def flat_disc_factor(
+    f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
+) -> Floats:
+    """E/L on the axis of a flat, uniformly bright exit pupil, pi / (1 + 4 N_w^2).
+
+    Parameters
+    ----------
+    f_number, magnification, pupil_magnification : float, 1
+        As in `working_f_number`, with its errors.
+
+    Returns
+    -------
+    float, sr
+        Irradiance per scene radiance for a lossless lens, below pi.
+
+    Notes
+    -----
+    Source: seed paper eq. 5 at phi = 0. Error: below 4e-16 relative for f/0.5 to f/128.
+    """
+    working = working_f_number(f_number, magnification, pupil_magnification)
+    return np.pi / (1.0 + 4.0 * working**2)
+
+
+def cos4(tan_angle: Floats) -> Floats:
+    """Fourth power of the cosine of the field angle, from its tangent: (1 + t^2)^-2.
+
+    Parameters
+    ----------
+    tan_angle : (...) array, 1
+        Image height over exit-pupil distance; the sign does not matter.
+
+    Returns
+    -------
+    (...) array, 1
+        Relative illumination of a small pupil, in [0, 1] and exactly 1 on the axis.
+
+    Notes
+    -----
+    Source: seed paper eq. 5. A multiplication, not the convolution of eq. 1. For fast lenses it falls too
+    steeply (f/1.4 at 30 degrees: 0.911 of the truth); `disc_falloff` is exact.
+    Error: below 5e-16 relative for any tangent.
+    """
+    tangent = np.asarray(tan_angle)
+    return (1.0 / (1.0 + tangent * tangent)) ** 2
+
+
+def disc_factor(
+    f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
+) -> Floats:
+    """E/L of a flat, uniformly bright exit pupil of any size, at any field angle.
+
+    Parameters
+    ----------
+    f_number, magnification, pupil_magnification : float, 1
+        As in `working_f_number`, with its errors.
+    tan_angle : (...) array, 1
+        Image height over exit-pupil distance.
+
+    Returns
+    -------
+    (...) array, sr
+        Irradiance per scene radiance for a lossless lens, in [0, pi).
+
+    Notes
+    -----
+    Source: Foote 1915, (pi/2)[1 - A/S] with t = 1/(2 N_w), A = tan^2 + 1 - t^2, S^2 = A^2 + 4 t^2. The
+    bracket loses all digits for small pupils and large angles (1e-9 of the value at f/128 and 80 degrees), so
+    for A >= 0 it is written as its conjugate, 4 t^2 / (S (S + A)).
+    Error: below 1e-15 relative in float64 and 4e-7 in float32, f/0.5 to f/1e6, up to 89.9 degrees.
+    """
+    half_cone = 0.5 / float(working_f_number(f_number, magnification, pupil_magnification))
+    squared = half_cone * half_cone
+    tangent = np.asarray(tan_angle)
+    # (1 - t)(1 + t) keeps its digits where the pupil is as wide as it is far
+    lead = tangent * tangent + (1.0 - half_cone) * (1.0 + half_cone)
+    root = np.hypot(lead, 2.0 * half_cone)
+    small = 4.0 * squared / root / (root + np.abs(lead))
+    bracket = np.where(lead >= 0.0, small, 1.0 + np.abs(lead) / root)
+    return (0.5 * np.pi * bracket)[()]
+
+
+def disc_falloff(
+    f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
+) -> Floats:
+    """`disc_factor` relative to its value on the axis.
+
+    Parameters
+    ----------
+    f_number, magnification, pupil_magnification : float, 1
+        As in `working_f_number`, with its errors.
+    tan_angle : (...) array, 1
+        Image height over exit-pupil distance.
+
+    Returns
+    -------
+    (...) array, 1
+        In [0, 1], exactly 1 on the axis.
+
+    Notes
+    -----
+    Source and error: as `disc_factor`; it tends to `cos4` as the f-number grows.
+    """
+    field = disc_factor(f_number, tan_angle, magnification, pupil_magnification)
+    # the same arithmetic in the same precision, so that the axis is exactly 1
+    axis = disc_factor(f_number, np.zeros_like(tan_angle, shape=()), magnification, pupil_magnification)
+    return np.minimum(field / axis, 1.0)
+
+
+def photons_from_energy(energy_joule: Floats, wavelength_um: Floats) -> Floats:
+    """Number of photons that carry an energy, E lambda / (h c).
+
+    Parameters
+    ----------
+    energy_joule : (...) array, J
+    wavelength_um : (...) array, um
+        Vacuum wavelength; broadcast against the energy.
+
+    Returns
+    -------
+    (...) array, photons
+
+    Notes
+    -----
+    Error: below 4e-16 relative.
+    """
+    return energy_joule * wavelength_um * PHOTONS_PER_JOULE_UM
+
+
+def planck_photon_radiance(wavelength_um: Floats, temperature: Floats) -> Floats:
+    """Spectral photon radiance of a black body, 2 c / (lambda^4 (exp(hc / (lambda k T)) - 1)).
+
+    Parameters
+    ----------
+    wavelength_um : (...) array, um
+        Above 0.
+    temperature : (...) array, K
+        Above 0.
+
+    Returns
+    -------
+    (...) array, photons s-1 m-2 sr-1 m-1
+        Per metre of wavelength. 0 where the true value is below the smallest float; never NaN.
+
+    Raises
+    ------
+    ValueError
+        For a wavelength or a temperature that is not above 0.
+
+    Notes
+    -----
+    Source: Planck's law. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
+    """
+    _require(wavelength_um, "wavelength_um", np.greater, "above 0")
+    _require(temperature, "temperature", np.greater, "above 0")
+    wavelength = np.asarray(wavelength_um)
+    exponent = SECOND_RADIATION_UM / (wavelength * temperature)
+    # exp(-x) / (1 - exp(-x)) instead of 1 / expm1(x): underflows where the other overflows
+    return 2e24 * SPEED_OF_LIGHT / wavelength**4 * np.exp(-exponent) / -np.expm1(-exponent)
+
+
+def planck_ratio(wavelength_um: Floats, temperature: Floats, reference_um: float) -> Floats:
+    """Black-body spectral energy radiance relative to that at a reference wavelength.
+
+    Parameters
+    ----------
+    wavelength_um : (...) array, um
+        Above 0.
+    temperature : (...) array, K
+        Above 0.
+    reference_um : float, um
+        Above 0; the result is exactly 1 there. CIE illuminant A is 2856 K (2848 K in its original constants)
+        with 0.56 um.
+
+    Returns
+    -------
+    (...) array, 1
+
+    Raises
+    ------
+    ValueError
+        For an input that is not above 0.
+
+    Notes
+    -----
+    Source: Planck's law as a ratio, with the two exponentials joined into one that overflows only if the
+    ratio does. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
+    """
+    _require(wavelength_um, "wavelength_um", np.greater, "above 0")
+    _require(temperature, "temperature", np.greater, "above 0")
+    _require(reference_um, "reference_um", np.greater, "above 0")
+    wavelength = np.asarray(wavelength_um)
+    gap = SECOND_RADIATION_UM / temperature * ((wavelength - reference_um) / (wavelength * reference_um))
+    slow = np.expm1(-SECOND_RADIATION_UM / (temperature * reference_um))
+    fast = np.expm1(-SECOND_RADIATION_UM / (temperature * wavelength))
+    return (reference_um / wavelength) ** 5 * np.exp(gap) * (slow / fast)
+
+
+def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
+    """Angle on the sky or in the scene that one pixel sees, arcsec/pixel.
+
+    Parameters
+    ----------
+    pixel_pitch_um : float, um/pixel
+        Above 0.
+    focal_length_mm : float, mm
+        Above 0.
+
+    Raises
+    ------
+    ValueError
+        For a pitch or a focal length that is not above 0.
+
+    Notes
+    -----
+    Source: seed paper eq. 10, with 206264.806 instead of 206265. Small angles: on the axis.
+    """
+    _require(pixel_pitch_um, "pixel_pitch_um", np.greater, "above 0")
+    _require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    return ARCSECONDS_PER_RADIAN * pixel_pitch_um / (1000.0 * focal_length_mm)
+
+
+def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) -> Floats:
+    """Focal length (mm) that spreads a half field over a half diagonal, y / tan(omega).
+
+    Parameters
+    ----------
+    half_diagonal_mm : float, mm
+        Above 0.
+    half_field_rad : float, rad
+        Between 0 and pi/2, both excluded; the sign of omega does not matter in eq. 9, here it is positive.
+
+    Raises
+    ------
+    ValueError
+        For inputs outside these ranges.
+
+    Notes
+    -----
+    Source: seed paper eq. 9. A half-inch sensor (y = 4 mm) at 30 degrees needs 6.93 mm.
+    """
+    _require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
+    _require(half_field_rad, "half_field_rad", lambda v, zero: (v > zero) & (v < np.pi / 2), "in (0, pi/2)")
+    return half_diagonal_mm / np.tan(half_field_rad)
+
+
+def field_from_focal_length(half_diagonal_mm: Floats, focal_length_mm: Floats) -> Floats:
+    """Half field of view (rad), the inverse of `focal_length_from_field`.
+
+    Parameters
+    ----------
+    half_diagonal_mm, focal_length_mm : float, mm
+        Above 0.
+
+    Raises
+    ------
+    ValueError
+        For inputs that are not above 0.
+
+    Notes
+    -----
+    Source: seed paper eq. 9 solved for omega.
+    """
+    _require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
+    _require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    return np.arctan2(half_diagonal_mm, focal_length_mm)
+
+
+def _require(value: Floats, name: str, test: Any, allowed: str) -> None:
+    """Every element of value must pass test(value, 0); NaN never does."""
+    if not np.all(test(np.asarray(value), 0.0)):
+        raise ValueError(f"{name} is {value}; it must be {allowed}")

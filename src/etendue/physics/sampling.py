@@ -1,0 +1,160 @@
+"""Sampled planes: padding, spectra, transfer functions applied once, and evaluation between samples.
+
+In:  planes sampled at ``start + step * i`` um; transfer functions at spatial frequencies in cycles/um.
+Out: filtered planes on the same grid, or evaluated at any separable set of positions.
+Sources: the discrete Fourier transform; trigonometric interpolation (a band-limited plane is known everywhere).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating]
+ComplexArray = NDArray[np.complexfloating]
+
+
+def padded_size(size: int) -> int:
+    """Samples of the padded axis: an eighth of the frame on each side (at least 16), then up to a fast length."""
+    return int(scipy.fft.next_fast_len(size + 2 * max(16, -(-size // 8)), real=True))
+
+
+def _gap(plane: FloatArray, total: int, axis: int) -> FloatArray:
+    """The samples between the end of an axis and its periodic start: two mirrored continuations, cross-faded."""
+    size = plane.shape[axis]
+    t = np.arange(total - size)
+    after_end = np.abs((size - 1 - t) % (2 * size))
+    after_end = np.where(after_end >= size, 2 * size - 1 - after_end, after_end)
+    before_start = (total - size - 1 - t) % (2 * size)
+    before_start = np.where(before_start >= size, 2 * size - 1 - before_start, before_start)
+    weight = 0.5 - 0.5 * np.cos(np.pi * (t + 0.5) / max(total - size, 1))
+    shape = [1] * plane.ndim
+    shape[axis] = -1
+    weight = weight.reshape(shape).astype(plane.dtype)
+    return (1 - weight) * np.take(plane, after_end, axis) + weight * np.take(plane, before_start, axis)
+
+
+def pad(planes: FloatArray) -> FloatArray:
+    """Continue planes beyond their border by their mirror image, periodic without a seam.
+
+    Parameters
+    ----------
+    planes : (..., ny, nx) array
+
+    Returns
+    -------
+    (..., Ny, Nx) array
+        The frame stands at [0:ny, 0:nx]. Behind it the mirrored continuations of both ends are cross-faded, so the
+        periodic plane has no step anywhere: a blur sees a mirror within its reach and never the other border.
+
+    Notes
+    -----
+    A mirror is the least wrong guess for a photograph (error beside the border 8e-5 of full scale at f/2.8 on a
+    256-sample edge image; zero padding 4.5e-2). Charts render a real margin, which makes it exact.
+    """
+    for axis in (-2, -1):
+        total = padded_size(planes.shape[axis])
+        planes = np.concatenate([planes, _gap(planes, total, planes.ndim + axis)], axis=axis)
+    return planes
+
+
+def spectrum(planes: FloatArray) -> ComplexArray:
+    """Half spectrum of padded planes: (..., Ny, Nx//2 + 1), in the complex type of the input's precision."""
+    return scipy.fft.rfft2(pad(planes), workers=1)
+
+
+def frequencies(size: int, step: float, half: bool) -> FloatArray:
+    """Spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform."""
+    total = padded_size(size)
+    return scipy.fft.rfftfreq(total, step) if half else scipy.fft.fftfreq(total, step)
+
+
+def planes_of(half_spectrum: ComplexArray, ny: int, nx: int) -> FloatArray:
+    """The frame [0:ny, 0:nx] of the planes with this half spectrum."""
+    full = scipy.fft.irfft2(half_spectrum, s=(padded_size(ny), padded_size(nx)), workers=1)
+    return np.ascontiguousarray(full[..., :ny, :nx])
+
+
+def whole_steps(in_start: float, in_step: float, out_start: float, out_step: float, out_size: int, in_size: int) -> slice | None:
+    """The slice of samples at which the output positions lie, or ``None`` where they lie between samples."""
+    ratio, offset = out_step / in_step, (out_start - in_start) / in_step
+    step, first = round(ratio), round(offset)
+    last = first + step * (out_size - 1)
+    if step < 1 or abs(ratio - step) * out_size > 1e-6 or abs(offset - first) > 1e-6 or first < 0 or last >= in_size:
+        return None
+    return slice(first, last + 1, step)
+
+
+def _waves(positions: FloatArray, total: int, half: bool) -> ComplexArray:
+    """exp(2 pi i k u / N) for every position and frequency index; the Nyquist term as a cosine (real interpolation)."""
+    k = np.arange(total // 2 + 1) if half else np.rint(scipy.fft.fftfreq(total) * total)
+    phase = 2 * np.pi * ((positions[:, None] * k[None, :]) / total)
+    waves = np.exp(1j * phase)
+    if total % 2 == 0:
+        nyquist = total // 2
+        waves[:, nyquist] = np.cos(np.pi * positions)
+    if half:
+        weights = np.full(k.size, 2.0)
+        weights[0] = 1.0
+        if total % 2 == 0:
+            weights[-1] = 1.0
+        waves *= weights
+    return waves
+
+
+def evaluate(
+    half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
+) -> FloatArray:
+    """Planes at positions between samples, exactly as the band-limited plane has them.
+
+    Parameters
+    ----------
+    half_spectrum : (..., Ny, Nx//2 + 1) complex array
+        Of planes whose frame has ``ny`` x ``nx`` samples.
+    y, x : (start, step, size)
+        Output positions in samples of the input grid (0 is its first sample).
+
+    Returns
+    -------
+    (..., size_y, size_x) array
+
+    Notes
+    -----
+    Two matrix products per plane (a matrix Fourier transform). What lies beyond the output's Nyquist frequency
+    folds back, as in a sensor. Error against direct summation: below 2e-14 of the largest value in double,
+    2e-6 in single precision.
+    """
+    total_y, total_x = padded_size(ny), padded_size(nx)
+    rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, half=False).astype(half_spectrum.dtype)
+    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, half=True).astype(half_spectrum.dtype)
+    return np.ascontiguousarray(((rows @ half_spectrum) @ columns.T).real / (total_y * total_x)).astype(
+        half_spectrum.real.dtype, copy=False
+    )
+
+
+def sample(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
+    """``evaluate``, by picking samples where all positions are samples: the same values, cheaper."""
+    rows = whole_steps(0.0, 1.0, y[0], y[1], y[2], ny)
+    columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)
+    if rows is None or columns is None:
+        return evaluate(half_spectrum, ny, nx, y, x)
+    return np.ascontiguousarray(planes_of(half_spectrum, ny, nx)[..., rows, columns])
+
+
+def sum_over_wavelength(weights: FloatArray, half_spectrum: ComplexArray) -> ComplexArray:
+    """Weighted sums of band spectra: (channel, wavelength) x (wavelength, Ny, Nh) -> (channel, Ny, Nh)."""
+    bands, ny, nh = half_spectrum.shape
+    flat = half_spectrum.reshape(bands, ny * nh)
+    return (weights.astype(half_spectrum.real.dtype) @ flat.view(half_spectrum.real.dtype)).view(half_spectrum.dtype).reshape(-1, ny, nh)
+
+
+def on_unique_rows(evaluate_rows, fy: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]
+    """A function that is even in fy, evaluated once for every |fy| and copied to both signs.
+
+    ``evaluate_rows(rows)`` takes (n, 1) frequencies and gives (..., n, nx).
+    """
+    rows, where = np.unique(np.abs(fy[:, 0]), return_inverse=True)
+    if rows.size == fy.shape[0]:
+        return evaluate_rows(fy)
+    return np.take(evaluate_rows(rows[:, None]), where, axis=-2)

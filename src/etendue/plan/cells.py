@@ -1,0 +1,239 @@
+"""Nodes and axes to cells: parameters, grids, facts, what is left out, keys and seeds of every cell.
+
+In:  a checked ``Graph`` and a pipeline.
+Out: cells by reference, in an order in which every cell stands behind what it reads.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from etendue.errors import Fault, PluginError, RequestError
+from etendue.plan import leave_out
+from etendue.plan.graph import Graph
+from etendue.plan.keys import key_of, parameters_for_key, version_of
+from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node
+from etendue.spec.facts import UNKNOWN, Facts
+from etendue.spec.grid import Grid, Labels
+from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import Stage, is_random, parameters_of
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How the planner was asked to decide."""
+
+    tolerance: float
+    leave_out: bool
+    precision: str  # auto, float32 or float64
+
+
+def expand(graph: Graph, pipeline: Pipeline, choice: Choice) -> tuple[dict[CellRef, Cell], str]:
+    """All cells, and the precision they are computed in."""
+    return _Expansion(graph, pipeline, choice).expand()
+
+
+class _Expansion:
+    def __init__(self, graph: Graph, pipeline: Pipeline, choice: Choice) -> None:
+        self.graph = graph
+        self.pipeline = pipeline
+        self.choice = choice
+        self.nodes = {node.name: node for node in graph.nodes}
+        self.axes = {axis.dim: axis for axis in graph.axes}
+        self.cells: dict[CellRef, Cell] = {}
+        self.values: dict[CellRef, str] = {}  # digest of the parameter values of a cell and its ancestors
+        self.stages: dict[tuple[str, tuple[Any, ...]], tuple[Stage, Alternative, int]] = {}
+        self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
+        self.faults: dict[str, Fault] = {}
+        self.shares = leave_out.shares(graph.nodes, choice.tolerance)
+
+    def stage_at(self, node: Node, index: Mapping[str, int]) -> tuple[Stage, Alternative, int]:
+        number = index[node.use_axis] if node.use_axis else 0
+        own = tuple(index[dim] for dim, _ in node.direct)
+        known = self.stages.get((node.name, (number, *own)))
+        if known:
+            return known
+        one = node.alternatives[number]
+        values = dict(one.values)
+        for name, (parameter, _, _) in parameters_of(one.kind).items():
+            if parameter.camera:
+                values[name] = self.graph.camera[name]
+        for dim, name in node.direct:
+            if name in values:
+                values[name] = self.axes[dim].values[index[dim]]
+        try:
+            stage = one.kind(**values)
+        except (ValueError, TypeError) as error:
+            raise RequestError([Fault(node.place, f"{one.use}: {error}")], self.pipeline.file) from None
+        made = (stage, one, number)
+        self.stages[(node.name, (number, *own))] = made
+        return made
+
+    def expand(self) -> tuple[dict[CellRef, Cell], str]:
+        self.precision = self.choose_precision()
+        for node in self.graph.nodes:
+            sizes = [range(len(self.axes[dim].values)) for dim in node.axes]
+            for index in itertools.product(*sizes):
+                self.add(node, index)
+            if self.faults:
+                raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
+        return self.cells, self.precision
+
+    def choose_precision(self) -> str:
+        """float32 only where a float32 FFT keeps the darkest values of every scene right (error 2e-7 of the range)."""
+        if self.choice.precision != "auto":
+            return self.choice.precision
+        for node in self.graph.nodes:
+            if not node.is_source:
+                continue
+            for position in range(len(node.alternatives)):
+                index = {dim: 0 for dim in self.axes}
+                if node.use_axis:
+                    index[node.use_axis] = position
+                for combination in itertools.product(*(range(len(self.axes[d].values)) for d, _ in node.direct)):
+                    index.update({d: i for (d, _), i in zip(node.direct, combination, strict=True)})
+                    facts, _ = self.describe(node, self.stage_at(node, index)[0])
+                    if facts.contrast is None or 2e-7 * facts.contrast > self.choice.tolerance:
+                        return "float64"
+        return "float32"
+
+    def describe(self, node: Node, stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
+        if stage not in self.described:
+            try:
+                self.described[stage] = stage.describe()  # type: ignore[attr-defined]
+            except (ValueError, OSError, RequestError) as error:
+                raise RequestError([Fault(node.place, str(error))], self.pipeline.file) from None
+        return self.described[stage]
+
+    def add(self, node: Node, index: tuple[int, ...]) -> None:
+        by_dim = dict(zip(node.axes, index, strict=True))
+        stage, one, number = self.stage_at(node, by_dim)
+        inputs = tuple((port, self.ref(source, by_dim), variable) for port, source, variable in node.inputs[number])
+        looks_at = tuple((port, tuple(self.ref(name, by_dim) for name in names)) for port, _, names in node.looks_at)
+        input_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
+        input_facts = {p: self.cells[ref].facts for p, ref, v in inputs}
+        try:
+            if node.is_source:
+                facts, declared = self.describe(node, stage)
+                grids = {v: self.filled(node, stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
+            else:
+                declared = stage.grid(input_grids) if hasattr(stage, "grid") else {}
+                grids = {v: self.filled(node, stage, d, declared.get(v), input_grids, looks_at) for v, d in node.writes.items()}
+                facts = self.carried(stage, input_facts, input_grids)
+            decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
+        except PluginError as error:
+            self.faults.setdefault(str(error), Fault(node.place, str(error)))
+            return
+        except (ValueError, RequestError) as error:
+            where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
+            self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", str(error)))
+            return
+        bound = leave_out.accumulated(stage, [self.cells[ref].bound for _, ref, _ in inputs], decided)
+        if decided:
+            main = next(iter(node.writes))
+            facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
+        segment_input, chain = self.chain_of(node, stage, inputs, decided)
+        fields, key = self.key(node, stage, one, inputs, looks_at, decided, segment_input, chain)
+        cell = Cell(
+            node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
+            seed=self.seed(node, stage, one, inputs, looks_at, index), input_grids=input_grids, grids=grids, facts=facts,
+            left_out=decided, bound=bound, error=self.error(stage, input_facts, input_grids),
+            segment_input=segment_input, chain=chain,
+        )  # fmt: skip
+        self.cells[cell.ref] = cell
+
+    def ref(self, name: str, by_dim: Mapping[str, int]) -> CellRef:
+        return (name, tuple(by_dim[dim] for dim in self.nodes[name].axes))
+
+    def filled(
+        self, node: Node, stage: Stage, declaration: Any, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()
+    ) -> Grid:
+        """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
+        creates = getattr(stage, "creates", {})
+        found = {}
+        leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
+        for dim in leading:
+            if given is not None and dim in given:
+                found[dim] = given[dim]
+            elif dim in creates:
+                found[dim] = creates[dim]
+            elif dim == "stage" and looks_at:
+                found[dim] = Labels(tuple(name for name, _ in looks_at[0][1]))
+            else:
+                source = next((g for g in inputs.values() if dim in g), None)
+                if source is None:
+                    raise PluginError(f"{type(stage).__name__} does not say what {dim!r} of {declaration.variable} is")
+                found[dim] = source[dim]
+        return Grid.of(found)
+
+    def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
+        if hasattr(stage, "carry"):
+            return stage.carry(facts, grids)
+        return UNKNOWN
+
+    def decide(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids_in: Any, grids: Mapping[str, Grid]) -> LeftOut | None:
+        if not self.choice.leave_out or not hasattr(stage, "negligible"):
+            return None
+        return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
+
+    def chain_of(self, node: Node, stage: Stage, inputs: Any, decided: LeftOut | None) -> tuple[Any, tuple[Stage, ...]]:
+        if not node.segment:
+            return None, ()
+        _, source, variable = inputs[0]
+        before = self.cells[source]
+        joined = len(node.segment) > 1
+        segment_input = before.segment_input if joined else (source, variable)
+        chain = before.chain if joined else ()
+        return segment_input, chain if decided else (*chain, stage)
+
+    def key(
+        self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, decided: Any, segment_input: Any, chain: Any
+    ) -> tuple[dict[str, Any], str]:
+        if decided:
+            main = next(iter(node.writes))
+            source = next(ref for _, ref, v in inputs if v == main)
+            return {"left out, same as": f"{source[0]}"}, self.cells[source].key
+        fields: dict[str, Any] = {
+            "stage": one.use,
+            "code": one.digest,
+            "parameters": parameters_for_key(stage),
+            "inputs": {p: self.cells[ref].key for p, ref, _ in inputs},
+            "precision": self.precision,
+        }
+        libraries = set(stage.libraries) | ({"numpy", "scipy"} if is_random(type(stage)) or node.segment else set())
+        fields["versions"] = {name: version_of(name) for name in sorted(libraries)}
+        if is_random(type(stage)):
+            fields["seed"], fields["name"] = self.pipeline.seed, node.name
+        if segment_input:
+            fields["inputs"] = {p: self.cells[ref].key for p, ref, _ in inputs[1:]}
+            fields["inputs"]["segment"] = self.cells[segment_input[0]].key
+            fields["chain"] = [
+                [type(s).__module__, type(s).__name__, parameters_for_key(s)] for s in chain[:-1]
+            ]
+        for port, refs in looks_at:
+            fields["inputs"][port] = [[ref[0], self.cells[ref].key] for ref in refs]
+        return fields, key_of(fields)
+
+    def seed(self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, index: tuple[int, ...]) -> bytes:
+        """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
+        values = key_of(
+            {
+                "stage": node.name,
+                "parameters": parameters_for_key(stage),
+                "inputs": {p: self.values[ref] for p, ref, _ in inputs},
+            }
+        )
+        self.values[(node.name, index)] = values
+        if not is_random(type(stage)):
+            return b""
+        return f"{self.pipeline.seed}|{node.name}|{'' if stage.common_draws else values}".encode()
+
+    def error(self, stage: Stage, facts: Any, grids: Any) -> tuple[float | None, str]:
+        if not hasattr(stage, "error"):
+            return None, "unknown"
+        return stage.error(facts, grids, self.precision)
+
+

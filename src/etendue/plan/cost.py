@@ -1,0 +1,53 @@
+"""Cost before running: bytes stored, memory held, seconds expected.
+
+Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer
+functions); the table at the end of a run has the measured ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from etendue.plan.model import Cell, Node
+from etendue.spec.grid import Grid
+from etendue.spec.variables import Declaration
+
+BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
+
+
+def item_bytes(declaration: Declaration, precision: str) -> int:
+    return BYTES.get(declaration.dtype, 4 if precision == "float32" else 8)
+
+
+def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
+    return math.prod(coordinate.size for _, coordinate in grid.entries) * item_bytes(declaration, precision)
+
+
+def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] | None = None) -> int:
+    chosen = node.writes if variables is None else variables
+    return sum(bytes_of(node.writes[v], cell.grids[v], precision) for v in chosen)
+
+
+def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
+    """Expected seconds of one cell on one thread."""
+    if cell.left_out:
+        return 2e-5
+    rate = getattr(type(cell.stage), "nanoseconds", 30.0)
+    if node.segment and cell.inputs:
+        grid = cell.input_grids[cell.inputs[0][0]]
+        values = 1.6 * math.prod(coordinate.size for _, coordinate in grid.entries)
+    else:
+        values = max(
+            [math.prod(c.size for _, c in grid.entries) for grid in cell.grids.values()]
+            + [math.prod(c.size for _, c in grid.entries) / 4 for grid in cell.input_grids.values()]
+        )
+    return 5e-5 + 1e-9 * rate * values * (1.0 if precision == "float32" else 1.6)
+
+
+def cell_memory(node: Node, cell: Cell, precision: str) -> int:
+    """Bytes held while one cell is computed: what it reads, writes, and its working copies."""
+    own = cell_bytes(node, cell, precision)
+    size = 4 if precision == "float32" else 8
+    read = sum(size * math.prod(c.size for _, c in grid.entries) for grid in cell.input_grids.values())
+    return 2 * own + (5 * read if node.segment else 2 * read)

@@ -1,0 +1,155 @@
+"""The plan: frozen values that say what will be computed. No arrays.
+
+A ``Node`` is a stage of the pipeline with its axes; a ``Cell`` is one stage at one combination of the axes that
+reach it. A ``CellRef`` names a cell by its node and the position on each of the node's axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from etendue.spec.facts import Facts
+from etendue.spec.grid import Grid
+from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import Probe, Stage, ends_in_sum, is_random, is_source, is_transfer
+from etendue.spec.variables import Declaration
+
+CellRef = tuple[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One swept parameter. ``key`` is its name in the file, ``dim`` its name as a dimension."""
+
+    key: str
+    dim: str
+    values: tuple[Any, ...]  # floats, ints or texts; labels where a stage is swapped
+    units: str = ""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One stage that may stand at a node: its class and its fixed parameters."""
+
+    use: str
+    label: str
+    kind: type[Stage]
+    values: Mapping[str, Any]
+    distribution: str
+    version: str
+    digest: str
+
+
+@dataclass(frozen=True)
+class Node:
+    """A stage of the pipeline with what it reads and the axes that reach it."""
+
+    name: str
+    number: int
+    place: str
+    alternatives: tuple[Alternative, ...]
+    direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
+    use_axis: str | None  # dim of the axis that swaps this stage
+    inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port, node, variable)
+    looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # probes: (port, what, nodes in order)
+    writes: Mapping[str, Declaration]
+    axes: tuple[str, ...]
+    segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment up to itself
+
+    @property
+    def kind(self) -> type[Stage]:
+        return self.alternatives[0].kind
+
+    @property
+    def is_source(self) -> bool:
+        return is_source(self.kind)
+
+    @property
+    def is_transfer(self) -> bool:
+        return is_transfer(self.kind)
+
+    @property
+    def ends_in_sum(self) -> bool:
+        return ends_in_sum(self.kind)
+
+    @property
+    def is_probe(self) -> bool:
+        return issubclass(self.kind, Probe)
+
+    @property
+    def is_random(self) -> bool:
+        return any(is_random(a.kind) for a in self.alternatives)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Why a cell needs no computing, and how wrong that is relative to the full scale of its variable."""
+
+    bound: float
+    why: str
+
+
+@dataclass
+class Cell:
+    """One stage at one combination of its axes. Written once by the planner, then only read."""
+
+    node: str
+    index: tuple[int, ...]
+    stage: Stage
+    use: str
+    inputs: tuple[tuple[str, CellRef, str], ...]  # (port, cell, variable)
+    looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
+    key: str
+    key_fields: Mapping[str, Any]
+    seed: bytes
+    input_grids: Mapping[str, Grid]
+    grids: Mapping[str, Grid]
+    facts: Facts
+    left_out: LeftOut | None
+    bound: float | None  # accumulated error of what was left out upstream; None: the claim has ended
+    error: tuple[float | None, str]
+    segment_input: tuple[CellRef, str] | None = None
+    chain: tuple[Stage, ...] = ()
+
+    @property
+    def ref(self) -> CellRef:
+        return (self.node, self.index)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be computed, in which order, with what left out and why."""
+
+    pipeline: Pipeline
+    axes: tuple[Axis, ...]
+    nodes: tuple[Node, ...]
+    cells: Mapping[CellRef, Cell]
+    wanted: tuple[tuple[str, str], ...]  # (node, variable)
+    kept: frozenset[tuple[str, str]]
+    precision: str
+    camera: Mapping[str, Any]
+    warnings: tuple[str, ...] = ()
+    costs: Mapping[str, Any] = field(default_factory=dict)
+
+    def node(self, name: str) -> Node:
+        for node in self.nodes:
+            if node.name == name:
+                return node
+        raise KeyError(name)
+
+    def axis(self, dim: str) -> Axis:
+        for axis in self.axes:
+            if axis.dim == dim:
+                return axis
+        raise KeyError(dim)
+
+    def of(self, name: str) -> list[Cell]:
+        """The cells of a node, in order."""
+        return [cell for cell in self.cells.values() if cell.node == name]
+
+    def labels(self, ref: CellRef) -> dict[str, Any]:
+        """Axis values of a cell by dim."""
+        node = self.node(ref[0])
+        return {dim: self.axis(dim).values[i] for dim, i in zip(node.axes, ref[1], strict=True)}

@@ -1,0 +1,100 @@
+"""Pipeline to plan: check, describe, decide. Pure: no array exists before a plan does.
+
+    plan = make_plan(read_pipeline(path), installed_stages())
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from etendue.plan import cost, leave_out
+from etendue.plan.cells import Choice, expand
+from etendue.plan.graph import build_graph, resolve_keep
+from etendue.plan.model import Plan
+from etendue.registry import Registry
+from etendue.spec.pipeline import Pipeline
+
+
+def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True) -> Plan:
+    """Check a pipeline and expand it into cells.
+
+    Raises
+    ------
+    RequestError
+        With every fault of the file, or every stage whose grid is impossible.
+    """
+    graph = build_graph(pipeline, registry)
+    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)
+    cells, precision = expand(graph, pipeline, choice)
+    kept = resolve_keep(graph.nodes, graph.keep)
+    plan = Plan(
+        pipeline=pipeline,
+        axes=graph.axes,
+        nodes=graph.nodes,
+        cells=cells,
+        wanted=graph.wanted,
+        kept=kept,
+        precision=precision,
+        camera=graph.camera,
+        warnings=(*graph.warnings, *_warnings(graph.nodes, cells)),
+    )
+    return plan
+
+
+def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
+    """What stages have to say about their own cells: each text once."""
+    texts: dict[str, None] = {}
+    for cell in cells.values():
+        if hasattr(cell.stage, "warn"):
+            for text in cell.stage.warn(cell.facts, cell.input_grids):
+                texts[f"{cell.node}: {text}"] = None
+    return tuple(texts)
+
+
+def summary(plan: Plan) -> dict[str, Any]:
+    """The plan as JSON: ``etendue plan --json``."""
+    stages = []
+    ends = leave_out.claim_ends(plan.nodes)
+    for node in plan.nodes:
+        cells = plan.of(node.name)
+        out = [c.left_out for c in cells if c.left_out]
+        stored = [v for v in node.writes if (node.name, v) in plan.kept]
+        stages.append(
+            {
+                "name": node.name,
+                "use": node.alternatives[0].use if len(node.alternatives) == 1 else [a.use for a in node.alternatives],
+                "distribution": node.alternatives[0].distribution,
+                "axes": [plan.axis(dim).key for dim in node.axes],
+                "cells": len(cells),
+                "left_out": {
+                    "cells": len(out),
+                    "of": len(cells),
+                    "bound": max(o.bound for o in out),
+                    "why": "; ".join(dict.fromkeys(o.why for o in out)),
+                    "claim_ends_at": ends[node.name] or None,
+                }
+                if out
+                else None,
+                "bytes": sum(cost.cell_bytes(node, c, plan.precision, stored) for c in cells),
+                "seconds": sum(cost.cell_seconds(node, c, plan.precision) for c in cells),
+            }
+        )
+    return {
+        "name": plan.pipeline.name,
+        "stages": stages,
+        "cells": len(plan.cells),
+        "naive_cells": len(plan.nodes) * math.prod(len(a.values) for a in plan.axes),
+        "bytes": sum(s["bytes"] for s in stages),
+        "seconds": sum(s["seconds"] for s in stages),
+        "peak_memory": peak_memory(plan),
+        "precision": plan.precision,
+        "axes": [{"name": a.key, "values": list(a.values), "units": a.units or None} for a in plan.axes],
+        "warnings": list(plan.warnings),
+    }
+
+
+def peak_memory(plan: Plan, workers: int = 2) -> int:
+    """Bytes a run is expected to hold above the interpreter: the largest cells in flight on every worker."""
+    largest = sorted((max(cost.cell_memory(n, c, plan.precision) for c in plan.of(n.name)) for n in plan.nodes), reverse=True)
+    return workers * sum(largest[:2])

@@ -1,0 +1,98 @@
+"""Find stages by entry-point metadata, load those that are used.
+
+Names, near-misses and clashes come from metadata alone; a plugin that cannot be imported fails only what uses it.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+import pluggy
+
+from etendue import hookspecs
+from etendue.errors import PluginError
+from etendue.spec.stage import Stage, arguments_of, parameters_of, reads_of, writes_of
+
+
+@dataclass(frozen=True)
+class Installed:
+    """A stage that is installed: its name, where it comes from, and its module."""
+
+    name: str
+    distribution: str
+    version: str
+    module: str
+
+
+class Registry:
+    """Stages by name. Built once per process with ``installed_stages``; tests may build their own."""
+
+    def __init__(self, points: dict[str, list[EntryPoint]]) -> None:
+        self._points = points
+        self._manager = pluggy.PluginManager(hookspecs.PROJECT)
+        self._manager.add_hookspecs(hookspecs)
+        self._loaded: dict[str, type[Stage]] = {}
+        self._lock = threading.Lock()
+
+    def names(self) -> list[str]:
+        return sorted(self._points)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._points
+
+    def clash(self, name: str) -> list[str]:
+        """The distributions that offer this name, when more than one does."""
+        offers = [point.dist.name if point.dist else "?" for point in self._points.get(name, [])]
+        return offers if len(offers) > 1 else []
+
+    def installed(self, name: str) -> Installed:
+        point = self._points[name][0]
+        dist = point.dist
+        return Installed(name, dist.name if dist else "?", dist.version if dist else "?", point.value)
+
+    def load(self, name: str) -> type[Stage]:
+        """Import the module of one stage and return its class.
+
+        Raises
+        ------
+        PluginError
+            The module cannot be imported, has no hook, or the class breaks the form of a stage.
+        """
+        with self._lock:
+            if name not in self._loaded:
+                self._loaded[name] = self._load(name)
+            return self._loaded[name]
+
+    def _load(self, name: str) -> type[Stage]:
+        point = self.installed(name)
+        origin = f"stage {name!r} of {point.distribution} {point.version}"
+        try:
+            # The entry point is loaded directly: pluggy's own loader walks all distributions at every call.
+            module = self._points[name][0].load()
+            if not self._manager.is_registered(module):
+                self._manager.register(module, name=point.module)
+            impls = [impl for impl in self._manager.hook.etendue_stages.get_hookimpls() if impl.plugin is module]
+            if not impls:
+                raise PluginError(f"{point.module} has no @hookimpl etendue_stages")
+            kind = impls[0].function()[name]
+        except Exception as error:
+            raise PluginError(f"{origin} cannot be loaded: {type(error).__name__}: {error}") from error
+        try:
+            reads_of(kind), writes_of(kind), parameters_of(kind), arguments_of(kind)
+        except Exception as error:
+            raise PluginError(f"{origin} is not a valid stage: {error}") from error
+        return kind
+
+
+@cache
+def installed_stages() -> Registry:
+    """The stages of all installed distributions."""
+    points: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=hookspecs.GROUP):
+        known = points.setdefault(point.name, [])
+        if not any((p.dist and point.dist and p.dist.name == point.dist.name and p.value == point.value) for p in known):
+            known.append(point)
+    return Registry(points)

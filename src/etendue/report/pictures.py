@@ -1,0 +1,154 @@
+"""Pictures: every stage of one cell as it looks to the eye, and the contact sheet that shows them in order.
+
+In:  the arrays of the shown cells.
+Out: 8-bit sRGB frames fitted into 256 x 256, and a PNG.
+
+Light is shown through the CIE 1931 observer; a mosaic through its own filters; camera channels as they are;
+tristimulus values through sRGB. A linear picture is scaled so that its 99.5th percentile is 0.9, the same for all
+stages of one kind, so that what gets darker looks darker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue import spectra
+from etendue.physics import colour, mosaic
+from etendue.physics.transfer import srgb_encode
+from etendue.plan.model import Cell, CellRef, Plan
+
+LARGEST = 256
+SHOWN = (
+    "radiance", "irradiance", "photon_rate", "photocurrent", "expected_charge", "charge", "raw", "mosaic_linear", "rgb_camera",
+    "xyz_scene", "rgb_linear", "xyz_display", "rgb_display",
+)  # fmt: skip
+
+
+@dataclass
+class Frame:
+    """One picture: what it is of, (3, y, x) in 0..1 as encoded sRGB, and the true size."""
+
+    stage: str
+    variable: str
+    picture: Any
+    size: tuple[int, int]
+
+
+def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None:
+    grid = cell.grids[variable]
+    if "y" not in grid or "x" not in grid:
+        return None
+    dims = plan.node(cell.node).writes[variable].dims
+    if dims == ("wavelength", "y", "x"):
+        edges = grid.bands().edges
+        xyz = np.tensordot((spectra.colour_matching(edges) * np.diff(edges)[:, None]).T, np.asarray(array, dtype=float), axes=1)
+        return colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), xyz)
+    if dims == ("channel", "y", "x"):
+        planes = np.asarray(array, dtype=float)
+        if grid["channel"].values() == ["X", "Y", "Z"]:
+            planes = colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), planes)
+        return planes if planes.shape[0] == 3 else np.repeat(planes[:1], 3, axis=0)
+    if dims == ("y", "x"):
+        plane = np.asarray(array, dtype=float)
+        if variable == "raw":
+            plane = np.maximum(plane - float(plan.camera.get("black_level", 0) or 0), 0)
+        pattern = plan.camera.get("pattern")
+        if pattern is None:
+            return np.repeat(plane[None], 3, axis=0)
+        index = mosaic.colour_index(pattern, *plane.shape)
+        return np.stack([np.where(index == c, plane, 0.0) for c in range(3)])
+    return None
+
+
+def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[Frame]:
+    """A frame for every stage with a picture; linear pictures of one kind share one scale."""
+    kinds: dict[str, list[tuple[Cell, str, Any]]] = {}
+    order: list[tuple[Cell, str, str]] = []
+    for node in plan.nodes:
+        cell = plan.cells[shown[node.name]]
+        for variable in node.writes:
+            if variable not in SHOWN or variable not in arrays.get(cell.ref, {}):
+                continue
+            kind = variable if variable not in ("charge", "expected_charge") else "charge"
+            kinds.setdefault(kind, []).append((cell, variable, arrays[cell.ref][variable]))
+            order.append((cell, variable, kind))
+    frames = []
+    scales: dict[str, float] = {}
+    for cell, variable, kind in order:
+        array = arrays[cell.ref][variable]
+        if variable == "rgb_display":
+            picture = np.asarray(array, dtype=float)
+        else:
+            linear = _linear_rgb(plan, cell, variable, array)
+            if linear is None:
+                continue
+            if kind not in scales:
+                # a value of 1 means white in these; elsewhere the brightest part of the first picture does
+                bright = 1.0 if variable in ("rgb_linear", "xyz_display", "xyz_scene") else float(np.quantile(linear.max(axis=0), 0.995)) / 0.9
+                scales[kind] = bright if bright > 0 else 1.0
+            picture = srgb_encode(np.clip(linear / scales[kind], 0, 1))
+        size = (picture.shape[-2], picture.shape[-1])
+        frames.append(Frame(cell.node, variable, _fitted(np.clip(picture, 0, 1)), size))
+    return frames
+
+
+def _fitted(picture: Any) -> Any:
+    """Reduced by whole steps (means) until it fits."""
+    step = max(1, -(-max(picture.shape[-2:]) // LARGEST))
+    if step > 1:
+        y, x = (picture.shape[-2] // step) * step, (picture.shape[-1] // step) * step
+        picture = picture[:, :y, :x].reshape(3, y // step, step, x // step, step).mean(axis=(2, 4))
+    return picture
+
+
+def frames_table(frames: list[Frame]) -> dict[str, Any]:
+    """The frames as a group of the archive: preview(stage, channel, y, x), 8 bit, zero beside smaller ones."""
+    height, width = max(f.picture.shape[1] for f in frames), max(f.picture.shape[2] for f in frames)
+    preview = np.zeros((len(frames), 3, height, width), np.uint8)
+    for i, frame in enumerate(frames):
+        _, y, x = frame.picture.shape
+        preview[i, :, :y, :x] = np.round(frame.picture * 255)
+    names = [f.stage for f in frames]
+    stage = [n if names.count(n) == 1 else f"{n}.{f.variable}" for n, f in zip(names, frames, strict=True)]
+    dims = ("stage", "channel", "y", "x")
+    return {
+        "arrays": {
+            "preview": (dims, preview, {"long_name": "the stage as it looks", "colour_space": "sRGB", "transfer_function": "sRGB", "units": "1"}),
+            "stage": (("stage",), np.array(stage, dtype=object), {"long_name": "stage"}),
+            "channel": (("channel",), np.array(["R", "G", "B"], dtype=object), {}),
+            "variable": (("stage",), np.array([f.variable for f in frames], dtype=object), {"long_name": "variable"}),
+            "true_height": (("stage",), np.array([f.size[0] for f in frames]), {"units": "pixel", "long_name": "true height"}),
+            "true_width": (("stage",), np.array([f.size[1] for f in frames]), {"units": "pixel", "long_name": "true width"}),
+            "height": (("stage",), np.array([f.picture.shape[1] for f in frames]), {"units": "pixel", "long_name": "height of the preview"}),
+            "width": (("stage",), np.array([f.picture.shape[2] for f in frames]), {"units": "pixel", "long_name": "width of the preview"}),
+        },
+        "attrs": {"title": "one cell of every stage, in order"},
+    }
+
+
+def contact_sheet(frames: list[Frame], path: Path, title: str) -> None:
+    """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all."""
+    import os
+
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(5, len(frames))
+    rows = -(-len(frames) // columns)
+    figure = Figure(figsize=(2.9 * columns, 3.15 * rows + 0.4), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=13)
+    for number, frame in enumerate(frames):
+        axes = figure.add_subplot(rows, columns, number + 1)
+        axes.imshow(np.moveaxis(frame.picture, 0, -1), interpolation="nearest")
+        axes.set_title(f"{number + 1}. {frame.stage}\n{frame.variable}  {frame.size[1]} x {frame.size[0]}", fontsize=8)
+        axes.set_axis_off()
+    figure.tight_layout(rect=(0, 0, 1, 0.98))
+    temporary = path.with_name(path.name + ".partial")
+    figure.savefig(temporary, format="png")
+    os.replace(temporary, path)

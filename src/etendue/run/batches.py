@@ -1,0 +1,117 @@
+"""Batches: a partition of the jobs into tasks of useful size, without circles.
+
+Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small, else a new
+batch behind it together with its siblings. Levels rise strictly along every dependency between batches, so that
+diamonds cannot close a circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from etendue.plan.model import CellRef
+from etendue.run.cell import Result, compute
+from etendue.run.jobs import Job
+from etendue.spec.ports import CellReport
+
+TARGET_SECONDS = 0.1
+
+
+@dataclass
+class Batch:
+    """Jobs that run one after the other in one task."""
+
+    number: int
+    level: int
+    jobs: list[Job] = field(default_factory=list)
+    seconds: float = 0.0
+    inputs: set[int] = field(default_factory=set)
+    exports: list[CellRef] = field(default_factory=list)
+    imports: dict[int, list[CellRef]] = field(default_factory=dict)
+
+
+def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECONDS) -> list[Batch]:
+    """Group jobs; every batch only needs batches of a lower level."""
+    batches: list[Batch] = []
+    home: dict[CellRef, int] = {}
+    overflow: dict[int, int] = {}  # the open batch behind a batch
+    sources: int | None = None
+    for ref, job in jobs.items():
+        needed = sorted({home[r] for r in job.needs})
+        level = max((batches[b].level for b in needed), default=-1)
+        newest = [b for b in needed if batches[b].level == level]
+        chosen = None
+        if not needed:
+            if sources is not None and batches[sources].seconds + job.seconds <= target_seconds:
+                chosen = sources
+        elif len(newest) == 1:
+            one = newest[0]
+            while chosen is None:
+                if batches[one].seconds + job.seconds <= target_seconds:
+                    chosen = one
+                elif one in overflow:
+                    one = overflow[one]
+                else:
+                    break
+            if chosen is None:
+                chosen = len(batches)
+                batches.append(Batch(chosen, batches[one].level + 1))
+                overflow[one] = chosen
+        if chosen is None:
+            chosen = len(batches)
+            batches.append(Batch(chosen, level + 1))
+            if not needed:
+                sources = chosen
+        batch = batches[chosen]
+        batch.jobs.append(job)
+        batch.seconds += job.seconds
+        home[ref] = chosen
+        for r in job.needs:
+            if home[r] != chosen:
+                batch.inputs.add(home[r])
+                known = batch.imports.setdefault(home[r], [])
+                if r not in known:
+                    known.append(r)
+                if r not in batches[home[r]].exports:
+                    batches[home[r]].exports.append(r)
+    return batches
+
+
+@dataclass
+class BatchResult:
+    """What a batch hands on, and what it has to report."""
+
+    results: dict[CellRef, Result]
+    reports: tuple[CellReport, ...]
+    kept: dict[CellRef, dict[str, object]]
+
+
+def run_batch(
+    jobs: tuple[Job, ...], exports: tuple[CellRef, ...], imports: tuple[tuple[CellRef, ...], ...], deliver: frozenset[CellRef], *before: BatchResult
+) -> BatchResult:
+    """Run the jobs of one batch, dropping each array after its last reader."""
+    results: dict[CellRef, Result] = {}
+    for refs, source in zip(imports, before, strict=True):
+        results.update({ref: source.results[ref] for ref in refs})
+    readers: dict[CellRef, int] = {}
+    for job in jobs:
+        for ref in job.needs:
+            readers[ref] = readers.get(ref, 0) + 1
+    own = set(exports)
+    reports, kept = [], {}
+    for job in jobs:
+        result, report = compute(job, results)
+        results[job.ref] = result
+        reports.append(report)
+        if job.ref in deliver:
+            kept[job.ref] = result.arrays
+        for ref in job.needs:
+            readers[ref] -= 1
+            if readers[ref] == 0 and ref not in own:
+                results.pop(ref, None)
+        if not readers.get(job.ref) and job.ref not in own:
+            results.pop(job.ref, None)
+    return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)
+
+

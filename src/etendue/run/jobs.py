@@ -1,0 +1,131 @@
+"""A plan's cells to jobs: everything needed to compute one cell, and nothing of the plan besides.
+
+Jobs are plain values that travel to another thread or process. The owner of a run makes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from etendue.plan.cost import cell_seconds
+from etendue.plan.model import Cell, CellRef, Plan
+from etendue.spec.grid import Grid
+from etendue.spec.ports import Target
+from etendue.spec.stage import Stage
+from etendue.spec.variables import Declaration
+
+
+@dataclass(frozen=True)
+class Job:
+    """One cell to compute, or to load because something else reads it.
+
+    ``task``: compute, or load (already stored; only read back, or its spectrum rebuilt).
+    ``deliver``: the variables other jobs or the caller need as arrays; ``spectrum``: they need its spectrum.
+    """
+
+    ref: CellRef
+    task: str
+    stage: Stage
+    writes: Mapping[str, Declaration]
+    grids: Mapping[str, Grid]
+    input_grids: Mapping[str, Grid]
+    inputs: tuple[tuple[str, CellRef, str], ...]
+    looks_at: tuple[tuple[str, str, tuple[tuple[str, CellRef], ...]], ...]
+    transfers: tuple[Stage, ...]
+    bands: tuple[float, ...]
+    channel_weights: Stage | None
+    previous: CellRef | None  # the transfer cell before it in its segment
+    left_out: bool
+    seed: bytes
+    sensor_seed: bytes
+    precision: str
+    store: tuple[str, ...]
+    deliver: tuple[str, ...]
+    spectrum: bool
+    target: Target | None
+    seconds: float
+
+    @property
+    def needs(self) -> tuple[CellRef, ...]:
+        """The cells whose results this job reads."""
+        if self.task == "load" and not self.spectrum:
+            return ()
+        if self.previous is not None:
+            return (self.previous, *(ref for _, ref, _ in self.inputs[1:]))
+        refs = [ref for _, ref, _ in self.inputs]
+        refs += [ref for port, what, pairs in self.looks_at if what != "transfer" for _, ref in pairs]
+        return tuple(dict.fromkeys(refs))
+
+
+def make_jobs(
+    plan: Plan,
+    todo: set[CellRef],
+    target: Callable[[Cell], Target | None],
+    deliver_all: bool = False,
+    show: frozenset[CellRef] = frozenset(),
+) -> dict[CellRef, Job]:
+    """Jobs for the cells to compute and for the stored cells they read, in order.
+
+    ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
+    wants to look at.
+    """
+    nodes = {node.name: node for node in plan.nodes}
+    arrays: dict[CellRef, dict[str, None]] = {}
+    spectra: set[CellRef] = set()
+    included: set[CellRef] = set()
+    for ref in reversed(list(plan.cells)):
+        cell = plan.cells[ref]
+        if ref not in todo and ref not in arrays and ref not in spectra:
+            continue
+        included.add(ref)
+        if ref not in todo and ref not in spectra:
+            continue  # stored and only read back
+        node = nodes[cell.node]
+        joined = len(node.segment) > 1
+        for number, (_, source, variable) in enumerate(cell.inputs):
+            if joined and number == 0:
+                spectra.add(source)
+            else:
+                arrays.setdefault(source, {})[variable] = None
+        for port, what, _ in node.looks_at:
+            if what != "transfer":
+                for source in dict(cell.looks_at)[port]:
+                    arrays.setdefault(source, {})[what] = None
+    jobs = {}
+    for ref, cell in plan.cells.items():
+        if ref not in included:
+            continue
+        node = nodes[cell.node]
+        store = tuple(v for v in node.writes if (node.name, v) in plan.kept) if ref in todo else ()
+        deliver = dict(arrays.get(ref, {}))
+        if (deliver_all and ref in todo) or ref in show:
+            deliver.update(dict.fromkeys(node.writes if ref in show else store))
+        looks_at, transfers, bands, weights = _looking(plan, cell)
+        serial = getattr(cell.stage, "sensor_serial", "")
+        jobs[ref] = Job(
+            ref=ref, task="compute" if ref in todo else "load", stage=cell.stage, writes=node.writes, grids=cell.grids,
+            input_grids=cell.input_grids, inputs=cell.inputs, looks_at=looks_at, transfers=transfers, bands=bands,
+            channel_weights=weights, previous=cell.inputs[0][1] if len(node.segment) > 1 else None,
+            left_out=cell.left_out is not None, seed=cell.seed,
+            sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
+            deliver=tuple(deliver), spectrum=ref in spectra, target=target(cell), seconds=cell_seconds(node, cell, plan.precision),
+        )  # fmt: skip
+    return jobs
+
+
+def _looking(plan: Plan, cell: Cell):  # type: ignore[no-untyped-def]
+    """What a probe's cell looks at: stages for transfer functions, cells for variables."""
+    node = plan.node(cell.node)
+    if not node.looks_at:
+        return (), (), (), None
+    looks_at, transfers, bands, weights = [], [], (), None
+    for port, what, _ in node.looks_at:
+        refs = dict(cell.looks_at)[port]
+        looks_at.append((port, what, tuple((ref[0], ref) for ref in refs)))
+        if what == "transfer" and refs:
+            cells = [plan.cells[ref] for ref in refs]
+            transfers = [c.stage for c in cells]
+            bands = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
+            weights = next((c.stage for c in cells if hasattr(c.stage, "weights")), None)
+    return tuple(looks_at), tuple(transfers), bands, weights

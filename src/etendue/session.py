@@ -1,0 +1,371 @@
+"""Join plan, run and archive: what ``etendue run`` and ``etendue.simulate`` both do.
+
+In:  a plan and where to put it.
+Out: an ``Outcome``: the tree, what was computed, reused and failed, and the rows of the table at the end.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from etendue.errors import ArchiveError, MachineError, RequestError, nearest
+from etendue.plan import planner
+from etendue.plan.cost import cell_bytes
+from etendue.plan.model import CellRef, Plan
+from etendue.registry import installed_stages
+from etendue.run.batches import Batch, BatchResult, partition
+from etendue.run.jobs import make_jobs
+from etendue.run.serial import run_serial
+from etendue.spec.pipeline import Pipeline, from_document, parse_pipeline, read_pipeline
+from etendue.spec.ports import CellReport, Progress
+
+
+@dataclass
+class Options:
+    """How a run is done; nothing here changes a bit of the result."""
+
+    scheduler: str = "threads"
+    workers: int = 0  # 0: one per core
+    durable: bool = False
+    recompute: bool = False
+    accept_platform: bool = False
+    batch_seconds: float = 0.1
+
+
+@dataclass
+class Outcome:
+    """What a run did."""
+
+    plan: Plan
+    reports: dict[CellRef, CellReport]
+    reused: set[CellRef]
+    seconds: float
+    reasons: dict[str, str] = field(default_factory=dict)
+    archive: Path | None = None
+    tree: Any = None
+    pictures: list[Path] = field(default_factory=list)
+    arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> list[CellReport]:
+        return [r for r in self.reports.values() if r.status == "failed"]
+
+    @property
+    def computed(self) -> int:
+        return sum(r.status in ("done", "left_out") for r in self.reports.values())
+
+
+class _Silent:
+    """Progress nobody watches."""
+
+    def begin(self, cells: int) -> None: ...
+
+    def starting(self, stages: tuple[str, ...]) -> None: ...
+
+    def finished(self, reports: tuple[CellReport, ...]) -> None: ...
+
+    def end(self) -> None: ...
+
+
+def load(source: str | Path | Mapping[str, Any] | Pipeline, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+    """A pipeline from a file, TOML text or mapping."""
+    if isinstance(source, Pipeline):
+        return source
+    if isinstance(source, Mapping):
+        return from_document(source)
+    if isinstance(source, str) and "\n" in source:
+        return parse_pipeline(source, overrides=overrides)
+    return read_pipeline(Path(source), overrides)
+
+
+def select(plan: Plan, finished: set[CellRef]) -> set[CellRef]:
+    """The cells to compute: unfinished ones, and finished ones whose unstored result an unfinished one reads."""
+    todo = {ref for ref in plan.cells if ref not in finished}
+    nodes = {node.name: node for node in plan.nodes}
+    for ref in reversed(list(plan.cells)):
+        if ref not in todo:
+            continue
+        cell, node = plan.cells[ref], nodes[ref[0]]
+        for number, (_, source, variable) in enumerate(cell.inputs):
+            if len(node.segment) > 1 and number == 0:
+                _need_segment(plan, source, todo)
+            elif (source[0], variable) not in plan.kept:
+                todo.add(source)
+        for port, what, _ in node.looks_at:
+            if what != "transfer":
+                todo |= {s for s in dict(cell.looks_at)[port] if (s[0], what) not in plan.kept}
+    return todo
+
+
+def _need_segment(plan: Plan, source: CellRef, todo: set[CellRef]) -> None:
+    """A spectrum is rebuilt from its segment's input, which must be stored or computed."""
+    segment_input = plan.cells[source].segment_input
+    assert segment_input is not None
+    (node, index), variable = segment_input
+    if (node, variable) not in plan.kept:
+        todo.add((node, index))
+
+
+def shown_cells(plan: Plan) -> dict[str, CellRef]:
+    """One cell of each stage for the pictures: at the camera's own values where they are swept, else in the middle."""
+    middle = {}
+    for axis in plan.axes:
+        base = plan.pipeline.camera.get(axis.key)
+        value = plan.camera.get(axis.key)
+        middle[axis.dim] = axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
+    return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
+
+
+def execute(
+    plan: Plan,
+    archive: str | Path | None = None,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Compute what a plan asks for and is not there yet.
+
+    Raises
+    ------
+    ArchiveError, ArchiveInUse, MachineError
+        Before anything is computed.
+    """
+    options, progress = options or Options(), progress or _Silent()
+    check_machine(plan, Path(archive) if archive is not None else None)
+    if archive is None:
+        return _in_memory(plan, options, progress)
+    from etendue.archive import provenance
+    from etendue.archive.store import Archive
+
+    began = time.perf_counter()
+    with Archive(Path(archive), plan, options.durable) as store:
+        old = provenance.latest_record(store.folder)
+        _check_platform(store.folder, old, options, provenance.platform_record())
+        finished = set() if options.recompute else {ref for ref in plan.cells if store.finished(ref)}
+        todo = select(plan, finished)
+        known = {cell for cell, entry in store.journal.entries.items() if entry.event == "done"}
+        reasons = provenance.reasons(old, plan) if known else {}
+        reasons = {name: why for name, why in reasons.items() if any(ref[0] == name for ref in todo)}
+        if todo or old is None:
+            provenance.write_record(store.folder, plan, {"tolerance": plan.pipeline.tolerance, "scheduler": options.scheduler})
+            provenance.copy_inputs(store.folder, plan)
+        show = frozenset(ref for ref in shown_cells(plan).values() if ref in todo)
+        jobs = make_jobs(plan, todo, store.target, show=show)
+        reports: dict[CellRef, CellReport] = {}
+        arrays: dict[CellRef, dict[str, Any]] = {}
+        lock = threading.Lock()
+
+        def before(batch: Batch) -> None:
+            with lock:
+                store.starting(job.ref for job in batch.jobs if job.task == "compute")
+            progress.starting(tuple(dict.fromkeys(job.ref[0] for job in batch.jobs)))
+
+        def after(batch: Batch, result: BatchResult) -> None:
+            fresh = [r for r in result.reports if r.status != "loaded"]
+            with lock:
+                store.reported(fresh)
+            reports.update({(r.stage, r.index): r for r in fresh})
+            arrays.update(result.kept)  # type: ignore[arg-type]
+            progress.finished(tuple(fresh))
+
+        progress.begin(len(todo))
+        try:
+            _run(partition(jobs, options.batch_seconds), show, before, after, options)
+        finally:
+            progress.end()
+        outcome = Outcome(plan, reports, set(plan.cells) - todo, time.perf_counter() - began, reasons, store.folder, arrays=arrays)
+        _merge_journal(outcome, store)
+        from etendue.report import pictures, tables
+
+        kept_tables = {"ledger": tables.ledger(plan, outcome.reports), "summary": tables.summary(plan, outcome.reports)}
+        if arrays:
+            frames = pictures.render(plan, shown_cells(plan), {**_stored(plan, store, todo), **arrays})
+            if frames:
+                kept_tables["frames"] = pictures.frames_table(frames)
+                sheet = store.folder / "contact_sheet.png"
+                pictures.contact_sheet(frames, sheet, plan.pipeline.name)
+        if (store.folder / "contact_sheet.png").exists():
+            outcome.pictures = [store.folder / "contact_sheet.png"]
+        store.close_run(kept_tables)
+        provenance.write_crate(store.folder, plan)
+        provenance.write_manifest(store.folder)
+        outcome.seconds = time.perf_counter() - began
+    return outcome
+
+
+def _stored(plan: Plan, store: Any, todo: set[CellRef]) -> dict[CellRef, dict[str, Any]]:
+    """Arrays of the shown cells that were not computed now but are stored."""
+    found = {}
+    for name, ref in shown_cells(plan).items():
+        if ref not in todo:
+            target = store.target(plan.cells[ref])
+            found[ref] = {v: target.read(v) for v in plan.node(name).writes if (name, v) in plan.kept}
+    return found
+
+
+def _merge_journal(outcome: Outcome, store: Any) -> None:
+    """Reports of reused cells, as the journal has them."""
+    for ref in outcome.reused:
+        entry = store.journal.entries.get(store.names[ref])
+        if entry is not None and ref not in outcome.reports and entry.event == "done":
+            outcome.reports[ref] = CellReport(*ref, "reused", entry.seconds, entry.files, clipped=entry.clipped, clipped_flux=entry.clipped_flux)
+
+
+def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
+    from etendue.archive.memory import tree_of
+    from etendue.report import pictures, tables
+
+    began = time.perf_counter()
+    todo = set(plan.cells)
+    show = frozenset(shown_cells(plan).values())
+    jobs = make_jobs(plan, todo, lambda cell: None, deliver_all=True, show=show)
+    reports: dict[CellRef, CellReport] = {}
+    arrays: dict[CellRef, dict[str, Any]] = {}
+
+    def after(batch: Batch, result: BatchResult) -> None:
+        reports.update({(r.stage, r.index): r for r in result.reports})
+        arrays.update(result.kept)  # type: ignore[arg-type]
+        progress.finished(result.reports)
+
+    progress.begin(len(todo))
+    try:
+        _run(partition(jobs, options.batch_seconds), frozenset(todo), lambda b: progress.starting(tuple({j.ref[0] for j in b.jobs})), after, options)
+    finally:
+        progress.end()
+    status = {ref: {"done": "done", "left_out": "left_out"}.get(r.status, r.status) for ref, r in reports.items()}
+    frames = pictures.render(plan, shown_cells(plan), arrays)
+    kept = {"ledger": tables.ledger(plan, reports), "summary": tables.summary(plan, reports)}
+    if frames:
+        kept["frames"] = pictures.frames_table(frames)
+    tree = tree_of(plan, arrays, status, kept)
+    return Outcome(plan, reports, set(), time.perf_counter() - began, tree=tree, arrays=arrays)
+
+
+def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options) -> None:
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):  # the results must not depend on how many threads a library would like
+        if options.scheduler == "serial":
+            run_serial(batches, deliver, before, after)
+            return
+        from etendue.run.parallel import run_parallel
+
+        run_parallel(batches, deliver, before, after, options.scheduler, options.workers or os.cpu_count() or 1)
+
+
+def check_scheduler(text: str) -> str:
+    names = ("serial", "threads", "processes")
+    if text not in names and not text.startswith(("tcp://", "tls://")):
+        raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
+    return text
+
+
+def _check_platform(folder: Path, old: Mapping[str, Any] | None, options: Options, now: Mapping[str, Any]) -> None:
+    if old is None or options.accept_platform or options.recompute or old["platform"] == dict(now):
+        return
+    changed = ", ".join(f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k])
+    raise ArchiveError(
+        f"{folder} was begun on another platform ({changed}), where bits may differ. "
+        "Go on with its finished cells: --accept-platform; compute all again: --recompute"
+    )
+
+
+def check_machine(plan: Plan, archive: Path | None) -> None:
+    """Refuse a plan that cannot fit, naming the axis that makes it so."""
+    import shutil
+
+    need = sum(
+        cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept]) for n in plan.nodes for c in plan.of(n.name)
+    )
+    longest = max(plan.axes, key=lambda a: len(a.values), default=None)
+    hint = f"; the axis {longest.key} has {len(longest.values)} values" if longest else ""
+    available = _available_memory()
+    peak = planner.peak_memory(plan) + (need if archive is None else 0)
+    if available and peak > available:
+        where = "held in memory" if archive is None else "held at once"
+        raise MachineError(f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep")
+    if archive is not None:
+        folder = archive.absolute()
+        while not folder.exists():
+            folder = folder.parent
+        held = sum(f.stat().st_size for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
+        free = shutil.disk_usage(folder).free + held
+        if need > free:
+            raise MachineError(f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep")
+
+
+def _available_memory() -> int:
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return 0
+
+
+def simulate(
+    pipeline: str | Path | Mapping[str, Any] | Pipeline,
+    *,
+    archive: str | Path | None = None,
+    want: Iterable[str] | None = None,
+    scheduler: str = "threads",
+    workers: int = 0,
+    leave_out: bool = True,
+    **parameters: Any,
+) -> Any:
+    """Run a pipeline and return its ``xarray.DataTree``.
+
+    Parameters
+    ----------
+    pipeline : path, TOML text, or mapping
+    archive : folder to keep and resume, or None to stay in memory
+    want : variables to compute, instead of the file's ``wanted``
+    scheduler, workers : ``serial``, ``threads``, ``processes`` or ``tcp://...``; threads or processes to use
+    leave_out : whether what the scene does not need may be left out
+    **parameters : camera quantities by name, ``stage__parameter`` for others; a list makes a sweep axis
+
+    Raises
+    ------
+    RequestError
+        With every fault of the file.
+    EtendueError
+        When cells failed: the message names them.
+
+    Examples
+    --------
+    >>> tree = etendue.simulate("pipelines/smallest.toml", f_number=[2, 4])  # doctest: +SKIP
+    """
+    overrides: dict[str, Any] = {}
+    for name, value in parameters.items():
+        key = name.replace("__", ".") if "__" in name else name
+        if hasattr(value, "tolist"):
+            value = value.tolist()
+        if isinstance(value, list | tuple | dict):
+            overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
+        else:
+            overrides[key if "." in key else f"camera.{key}"] = value
+    if want is not None:
+        overrides["wanted"] = list(want)
+    if isinstance(pipeline, Mapping):
+        from etendue.spec.pipeline import apply_overrides
+
+        document = {k: dict(v) if isinstance(v, Mapping) else v for k, v in pipeline.items()}
+        apply_overrides(document, overrides)
+        made = from_document(document)
+    else:
+        made = load(pipeline, overrides)
+    plan = planner.make_plan(made, installed_stages(), leave_out)
+    outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
+    if outcome.failed:
+        first = outcome.failed[0]
+        from etendue.errors import PluginError
+
+        raise PluginError(f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels((first.stage, first.index))}: {first.message}")
+    if archive is None:
+        return outcome.tree
+    import xarray
+
+    return xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")

@@ -1,0 +1,112 @@
+"""Grids: what is known of an array's coordinates before it exists. No arrays here.
+
+A ``Grid`` maps dims to one of three kinds of coordinate: ``Line`` (evenly spaced), ``Bands`` (wavelength bins)
+and ``Labels`` (names or numbers). They are frozen, so equal grids can be recognised and hashed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Line:
+    """``size`` points at ``start + step * i``.
+
+    On the image plane the points are positions in um. On the sensor they are pixel indices, and
+    ``position`` holds (start, step) of the pixel centres on the image plane, um.
+    """
+
+    size: int
+    start: float = 0.0
+    step: float = 1.0
+    units: str = "um"
+    position: tuple[float, float] | None = None
+
+    def values(self) -> list[float]:
+        return [self.start + self.step * i for i in range(self.size)]
+
+    def um(self) -> tuple[float, float]:
+        """Start and step of the positions on the image plane, um."""
+        return self.position if self.position is not None else (self.start, self.step)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Wavelength bins by their edges, nm."""
+
+    edges: tuple[float, ...]
+
+    @property
+    def size(self) -> int:
+        return len(self.edges) - 1
+
+    def values(self) -> list[float]:
+        return [0.5 * (a + b) for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Named or numbered entries, such as the channels R, G, B."""
+
+    entries: tuple[str | float, ...]
+    units: str = ""
+
+    @property
+    def size(self) -> int:
+        return len(self.entries)
+
+    def values(self) -> list[str | float]:
+        return list(self.entries)
+
+
+Coordinate = Line | Bands | Labels
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Coordinates by dim name, in no particular order; dims and their order come from the declaration."""
+
+    entries: tuple[tuple[str, Coordinate], ...] = ()
+
+    @classmethod
+    def of(cls, coordinates: Mapping[str, Coordinate]) -> Grid:
+        return cls(tuple(sorted(coordinates.items())))
+
+    def __getitem__(self, dim: str) -> Coordinate:
+        for name, coordinate in self.entries:
+            if name == dim:
+                return coordinate
+        raise KeyError(dim)
+
+    def __contains__(self, dim: object) -> bool:
+        return any(name == dim for name, _ in self.entries)
+
+    def line(self, dim: str) -> Line:
+        """The coordinate of a dim that must be evenly spaced."""
+        coordinate = self[dim]
+        if not isinstance(coordinate, Line):
+            raise TypeError(f"{dim} is not evenly spaced: {coordinate}")
+        return coordinate
+
+    def bands(self) -> Bands:
+        """The wavelength bins."""
+        coordinate = self["wavelength"]
+        if not isinstance(coordinate, Bands):
+            raise TypeError(f"wavelength has no bins: {coordinate}")
+        return coordinate
+
+    def replace(self, **coordinates: Coordinate) -> Grid:
+        return Grid.of({**dict(self.entries), **coordinates})
+
+    def take(self, dims: tuple[str, ...]) -> Grid:
+        """Only these dims."""
+        return Grid(tuple((name, coordinate) for name, coordinate in self.entries if name in dims))
+
+    def shape(self, dims: tuple[str, ...]) -> tuple[int, ...]:
+        return tuple(self[dim].size for dim in dims)
+
+
+RGB = Labels(("R", "G", "B"))
+XYZ = Labels(("X", "Y", "Z"))

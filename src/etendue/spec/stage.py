@@ -1,0 +1,171 @@
+"""A stage: a frozen value that says what it reads, writes and needs, and computes on plain arrays.
+
+A stage class is a frozen, keyword-only dataclass deriving from ``Stage``. Optional methods say more about it; the
+engine looks for them by name and treats their absence as "not known":
+
+    describe(self) -> (Facts, {variable: Grid})          sources only: what it will write, before any array
+    grid(self, inputs) -> {variable: Grid}               stages that change the grid; ``inputs``: {port: Grid}
+    prepare(self, coordinates) -> anything               tables and matrices, once per (parameters, coordinates)
+    transfer(self, fy, fx, wavelength) -> array          linear shift-invariant stages, instead of ``run``
+    weights(self, prepared) -> (channel, wavelength)     a transfer stage that ends in a sum over wavelength
+    run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}
+    negligible(self, facts, grid) -> float | None        how wrong leaving it out is, in units of its variable
+    carry(self, facts, grid) -> Facts                    facts of what it writes, from facts of what it reads
+    error(self, facts, grid, precision) -> (bound, how)  relative to full scale; how: proved | fitted | measured
+    gain                                                 see below
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import typing
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, ClassVar
+
+from etendue.spec.variables import Declaration, parse_declaration
+
+MISSING = dataclasses.MISSING
+COORDINATES = frozenset(
+    f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
+)
+SPECIAL = frozenset({"prepared", "rng", "rng_sensor"})
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What is allowed for one parameter, beside its type."""
+
+    units: str = "1"
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    at_most: float | None = None
+    choices: tuple[str, ...] | None = None
+    camera: bool = False
+    fidelity: bool = False
+    reference: str = ""
+    file: bool = False  # the path of a file
+    table: bool = False  # a name, or the path of a CSV file
+    length: int | None = None
+    infinite: bool = False
+    doc: str = ""
+
+    def range_text(self) -> str:
+        """The allowed range in words, '' when everything is."""
+        parts = []
+        for word, limit in (("above", self.above), ("at least", self.at_least), ("below", self.below), ("at most", self.at_most)):
+            if limit is not None:
+                parts.append(f"{word} {limit:g}")
+        text = " and ".join(parts)
+        return f"{text} {self.units}".strip() if text and self.units not in ("1", "") else text
+
+    def allows(self, value: float) -> bool:
+        return (
+            (self.above is None or value > self.above)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.below is None or value < self.below)
+            and (self.at_most is None or value <= self.at_most)
+        )
+
+
+def param(default: Any = MISSING, **allowed: Any) -> Any:
+    """Declare a parameter of a stage: its default, unit, range and role (see ``Parameter``)."""
+    parameter = Parameter(**allowed)
+    if parameter.fidelity and not parameter.reference:
+        raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
+    return dataclasses.field(default=default, metadata={"parameter": parameter}) if default is not MISSING else dataclasses.field(
+        metadata={"parameter": parameter}
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Stage:
+    """Base of all stages. Class attributes are the declaration.
+
+    ``gain``: the largest factor by which an error, relative to the full scale of what is read, can grow relative to
+    the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end here.
+    ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only).
+    ``libraries`` names distributions whose version can change the result.
+    """
+
+    reads: ClassVar[Mapping[str, str]] = {}
+    writes: ClassVar[Mapping[str, str]] = {}
+    gain: ClassVar[float | None] = None
+    nan: ClassVar[str] = "error"
+    negative: ClassVar[str] = "error"
+    libraries: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def common_draws(self) -> bool:
+        """Whether random numbers are the same whatever the parameter values are."""
+        return False
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Probe(Stage):
+    """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
+
+    ``run`` gets, for each such port, a list of (stage name, what it looks at): a callable ``otf(f)`` giving the
+    transfer function up to and including that stage as a (wavelength, frequency) array along x, or the array itself.
+    Nothing reads from a probe. It may write the dim ``stage``.
+    """
+
+
+@cache
+def reads_of(kind: type[Stage]) -> Mapping[str, Declaration]:
+    return {port: parse_declaration(port, text) for port, text in kind.reads.items()}
+
+
+@cache
+def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
+    return {port: parse_declaration(port, text) for port, text in kind.writes.items()}
+
+
+@cache
+def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]:
+    """Parameter, type and default (``MISSING`` where it must be given) by name."""
+    hints = typing.get_type_hints(kind)
+    return {
+        field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default)
+        for field in dataclasses.fields(kind)
+    }
+
+
+@cache
+def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
+    """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
+    if not hasattr(kind, "run"):
+        return ()
+    names = []
+    for parameter in list(inspect.signature(kind.run).parameters.values())[1:]:
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise TypeError(f"{kind.__name__}.run takes *{parameter.name}; name every input")
+        names.append(parameter.name)
+    allowed = set(kind.reads) | COORDINATES | SPECIAL
+    unknown = [name for name in names if name not in allowed]
+    if unknown:
+        raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)}, which it does not read")
+    return tuple(names)
+
+
+def is_source(kind: type[Stage]) -> bool:
+    return hasattr(kind, "describe")
+
+
+def is_transfer(kind: type[Stage]) -> bool:
+    return hasattr(kind, "transfer")
+
+
+def ends_in_sum(kind: type[Stage]) -> bool:
+    return hasattr(kind, "weights")
+
+
+def is_random(kind: type[Stage]) -> bool:
+    return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
+
+
+def resolved_parameters(stage: Stage) -> dict[str, Any]:
+    """Every parameter with its value, in declared order."""
+    return {field.name: getattr(stage, field.name) for field in dataclasses.fields(stage)}

@@ -1,0 +1,94 @@
+"""Units in pipeline files: a small table, exact in decimal arithmetic.
+
+In:  text such as ``"5.4 um"``, ``"3e3 electron um-2"``, ``"100 cd m-2"``.
+Out: a float in the declared unit, converted once from the decimal text, so that ``"5400 nm"`` and ``"5.4 um"``
+     are the same binary number.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal, InvalidOperation
+
+# symbol -> (factor, base dimension symbols with exponents)
+_PREFIX = {"": 0, "n": -9, "u": -6, "µ": -6, "m": -3, "c": -2, "k": 3}
+_BASE = {"m": "m", "s": "s", "A": "A", "W": "W", "sr": "sr", "cd": "cd", "K": "K", "V": "V", "Hz": "Hz", "lx": "lx"}
+_PLAIN = {
+    "electron": (Decimal(1), {"electron": 1}),
+    "DN": (Decimal(1), {"DN": 1}),
+    "pixel": (Decimal(1), {"pixel": 1}),
+    "cycle": (Decimal(1), {}),
+    "deg": (Decimal(1), {"deg": 1}),
+    "arcmin": (Decimal(1) / 60, {"deg": 1}),
+    "stop": (Decimal(1), {"stop": 1}),
+    "dB": (Decimal(1), {"dB": 1}),
+    "%": (Decimal("0.01"), {}),
+    "1": (Decimal(1), {}),
+    "in": (Decimal("0.0254"), {"m": 1}),
+    "min": (Decimal(60), {"s": 1}),
+}
+_TOKEN = re.compile(r"(?P<symbol>1|%|[A-Za-zµ]+)(?:\^?(?P<power>[-+]?\d+))?$")
+_NUMBER = re.compile(r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*?)\s*$")
+
+
+class UnitError(ValueError):
+    """Text that is not a number with a known, compatible unit."""
+
+
+def _symbol(symbol: str) -> tuple[Decimal, dict[str, int]]:
+    if symbol in _PLAIN:
+        return _PLAIN[symbol]
+    for prefix, power in _PREFIX.items():
+        base = symbol[len(prefix) :]
+        if symbol.startswith(prefix) and base in _BASE:
+            return Decimal(1).scaleb(power), {_BASE[base]: 1}
+    raise UnitError(f"unknown unit {symbol!r}")
+
+
+def parse_unit(text: str) -> tuple[Decimal, dict[str, int]]:
+    """Factor to base units and the dimensions of a unit such as ``W m-2 nm-1`` or ``electron/um2``."""
+    factor, dimensions, sign = Decimal(1), dict[str, int](), 1
+    for part in re.split(r"(\s+|/|\*)", text.strip()):
+        if part == "/":
+            sign = -1
+            continue
+        if not part.strip() or part == "*":
+            continue
+        match = _TOKEN.match(part)
+        if not match:
+            raise UnitError(f"cannot read the unit {text!r}")
+        power = sign * int(match["power"] or 1)
+        sign = 1
+        one, dims = _symbol(match["symbol"])
+        factor *= one**power
+        for name, exponent in dims.items():
+            dimensions[name] = dimensions.get(name, 0) + exponent * power
+    return factor, {name: exponent for name, exponent in dimensions.items() if exponent}
+
+
+def to_unit(value: Decimal | int | str, unit: str) -> float:
+    """A number (already in ``unit``) or text with a compatible unit, as a float in ``unit``.
+
+    Raises
+    ------
+    UnitError
+        Not a number, an unknown unit, or one of another dimension.
+    """
+    if isinstance(value, str):
+        match = _NUMBER.match(value)
+        if not match:
+            raise UnitError(f"{value!r} is not a number with a unit")
+        number = Decimal(match["number"])
+        if match["unit"]:
+            factor, dims = parse_unit(match["unit"])
+            own_factor, own_dims = parse_unit(unit)
+            if dims != own_dims:
+                raise UnitError(f"{value!r} is in {match['unit']}, which is not compatible with {unit}")
+            number = number * factor / own_factor
+    else:
+        try:
+            number = Decimal(value)
+        except (InvalidOperation, TypeError) as error:
+            raise UnitError(f"{value!r} is not a number") from error
+    result = float(number)
+    return result + 0.0  # -0 is 0

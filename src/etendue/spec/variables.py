@@ -1,0 +1,80 @@
+"""Declarations of variables: ``"wavelength y x [W m-2 nm-1]"``, read and printed.
+
+In:  the text beside a port in a stage's ``reads`` or ``writes``.
+Out: name, dims, unit, dtype and whether undefined values are allowed.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+_FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
+DTYPES = ("float", "uint8", "uint16", "uint32")
+
+LONG_NAMES = {
+    "radiance": "spectral radiance of the scene on the image-plane grid",
+    "white_radiance": "spectral radiance of a perfect white diffuser in the scene",
+    "irradiance": "spectral irradiance in front of the sensor",
+    "white_irradiance": "spectral irradiance of a perfect white diffuser on the axis",
+    "photon_rate": "photoelectrons per second at the pixel centres, behind each filter",
+    "photocurrent": "photoelectrons per second behind the colour filter array",
+    "expected_charge": "expected charge at the end of the exposure",
+    "charge": "charge in the pixel",
+    "raw": "raw digital number",
+    "mosaic_linear": "linearised mosaic, 1 at clipping",
+    "rgb_camera": "linear camera primaries",
+    "white": "linear camera signal of a perfect white diffuser on the axis",
+    "xyz_scene": "scene tristimulus values, white diffuser Y = 1",
+    "white_xyz": "tristimulus values of the scene white, Y = 1",
+    "colour_matrix": "white-balanced camera primaries to tristimulus values",
+    "rgb_linear": "linear display primaries",
+    "xyz_display": "tristimulus values of the displayed light",
+    "rgb_display": "encoded display values",
+    "mtf50": "spatial frequency at which the contrast has fallen to one half",
+}
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a port carries.
+
+    ``dims`` may start with ``...``: any leading dims, kept. ``dtype`` is ``float`` (the plan's precision) or an
+    unsigned integer type. ``nan`` allows undefined values.
+    """
+
+    variable: str
+    dims: tuple[str, ...]
+    unit: str
+    dtype: str = "float"
+    nan: bool = False
+
+    def __str__(self) -> str:
+        flags = "".join(f" {flag}" for flag in (self.dtype if self.dtype != "float" else "", "nan" if self.nan else "") if flag)
+        return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
+
+    def accepts(self, dims: tuple[str, ...]) -> bool:
+        """Whether an array with these dims may be given to this port."""
+        if self.dims[:1] == ("...",):
+            tail = self.dims[1:]
+            return dims[len(dims) - len(tail) :] == tail
+        return dims == self.dims
+
+
+def parse_declaration(port: str, text: str) -> Declaration:
+    """Read one declaration; the variable is the port unless the text names one."""
+    if text.startswith("*."):  # what a probe looks at, in every stage
+        variable, _, rest = text.partition(" ")
+        text = f"{variable}: {rest or '[1]'}"
+    match = _FORM.match(text)
+    if not match:
+        raise ValueError(f"cannot read the declaration {port!r}: {text!r}; expected 'dims [unit]'")
+    dtype, nan = "float", False
+    for flag in match["flags"].split():
+        if flag == "nan":
+            nan = True
+        elif flag in DTYPES:
+            dtype = flag
+        else:
+            raise ValueError(f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, {', '.join(DTYPES)}")
+    return Declaration(match["name"] or port, tuple(match["dims"].split()), match["unit"].strip(), dtype, nan)

@@ -1,0 +1,272 @@
+"""Colour: camera primaries to tristimulus values, white balance, display primaries, encoding.
+
+In:  ``rgb_camera`` and what is known of the light (``white_radiance``, ``white_irradiance``).
+Out: ``xyz_scene``, ``rgb_linear``, ``xyz_display``, ``rgb_display``; a variable's name says its colour state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue import spectra
+from etendue.api import RGB, XYZ, Grid, Stage, hookimpl, param, quantity
+from etendue.physics import colour, transfer
+from etendue.stages.exposure import dn_per_electron
+from etendue.stages.sensitivity import electrons_per_irradiance, quantum_efficiency
+
+TABLE_EDGES = tuple(float(w) for w in range(380, 785, 5))
+SPACES = {"Von Kries": "von_kries_hpe_d65", "Bradford": "bradford", "CAT02": "cat02", "CAT16": "cat16"}
+PRINTED_GAINS = (0.5844, 0.5753, 0.514)
+DISPLAYS = ("Apple Studio Display", "Typical CRT Brainard 1997")
+
+
+def white_of(name: str) -> Any:
+    """XYZ (Y = 1) of an illuminant, or of a display with all primaries on."""
+    cmf = spectra.colour_matching(TABLE_EDGES)
+    spd = spectra.display_primaries(name, TABLE_EDGES).sum(axis=1) if name in DISPLAYS else None
+    if spd is None:
+        if name == "sRGB":
+            return colour.xyz_from_xy(colour.D65_XY)
+        spd = spectra.illuminant(name, TABLE_EDGES)
+    xyz = cmf.T @ spd
+    return xyz / xyz[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class White(Stage):
+    """The camera's linear signal of a perfect white diffuser on the axis: from the illuminant, noise-free."""
+
+    reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]"}
+    writes: ClassVar = {"white": "channel [1]"}
+    creates: ClassVar = {"channel": RGB}
+    nanoseconds: ClassVar = 100.0
+    libraries: ClassVar = ("colour-science",)
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    aperture_fraction: float = quantity("aperture_fraction")
+    sensitivity: str = quantity("sensitivity")
+    sensitivity_kind: str = quantity("sensitivity_kind")
+    sensitivity_per: str = quantity("sensitivity_per")
+    peak_qe: tuple[float, ...] = quantity("peak_qe")
+    depletion_depth: float = quantity("depletion_depth")
+    diffusion_depth: float = quantity("diffusion_depth")
+    diffusion_length: float = quantity("diffusion_length")
+    surface_transmission: float = quantity("surface_transmission")
+    integration_time: float = quantity("integration_time")
+    full_well_density: float = quantity("full_well_density")
+    conversion_gain: float = quantity("conversion_gain")
+    black_level: float = quantity("black_level")
+    bits: int = quantity("bits")
+
+    def prepare(self, coordinates: Any) -> Any:
+        return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
+
+    def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        electrons = (prepared * white_irradiance).sum(axis=1) * self.integration_time
+        return {"white": electrons * (dn_per_electron(self) / (2**self.bits - 1 - self.black_level))}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (2e-7 if precision == "float32" else 1e-15), "proved"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColourFit(Stage):
+    """Least squares from white-balanced camera primaries to XYZ, over the ColorChecker under the scene's light.
+
+    White is kept exactly. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the condition number.
+    """
+
+    reads: ClassVar = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    writes: ClassVar = {
+        "colour_matrix": "component channel [1]",
+        "white_xyz": "component [1]",
+        "fit_residual": "[1]",
+        "fit_condition": "[1]",
+    }
+    creates: ClassVar = {"channel": RGB, "component": XYZ}
+    nanoseconds: ClassVar = 1000.0
+    libraries: ClassVar = ("colour-science",)
+
+    sensitivity: str = quantity("sensitivity")
+    sensitivity_kind: str = quantity("sensitivity_kind")
+    sensitivity_per: str = quantity("sensitivity_per")
+    peak_qe: tuple[float, ...] = quantity("peak_qe")
+    depletion_depth: float = quantity("depletion_depth")
+    diffusion_depth: float = quantity("diffusion_depth")
+    diffusion_length: float = quantity("diffusion_length")
+    surface_transmission: float = quantity("surface_transmission")
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["wavelength_edges"])
+        centres = coordinates["wavelength"] * np.diff(coordinates["wavelength_edges"])
+        return quantum_efficiency(self, edges) * centres, spectra.colour_matching(edges), spectra.colorchecker(edges)[1], np.diff(edges)
+
+    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        response, cmf, reflectance, width = prepared
+        light = np.asarray(white_irradiance, dtype=float)
+        camera_white = response @ light
+        if not np.all(camera_white > 0):
+            raise ValueError(f"the white has a dead channel (R, G, B = {camera_white}): look at the filter, the illuminant, peak_qe")
+        samples = (reflectance * light) @ response.T / camera_white
+        scene = np.asarray(white_radiance, dtype=float) * width
+        white = cmf.T @ scene
+        targets = (reflectance * scene) @ cmf / white[1]
+        fit = colour.fit_matrix(samples, targets, white_sample=np.ones(3), white_target=white / white[1])
+        return {
+            "colour_matrix": fit.matrix, "white_xyz": white / white[1],
+            "fit_residual": np.array(fit.residual), "fit_condition": np.array(fit.condition),
+        }  # fmt: skip
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (1e-6 if precision == "float32" else 1e-12), "fitted"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraToXyz(Stage):
+    """Camera primaries over the white, times the fitted matrix: a white diffuser has Y = 1."""
+
+    reads: ClassVar = {"rgb_camera": "channel y x [1]", "white": "channel [1]", "colour_matrix": "component channel [1]"}
+    writes: ClassVar = {"xyz_scene": "channel y x [1]"}
+    creates: ClassVar = {"channel": XYZ}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
+
+    def run(self, rgb_camera: Any, white: Any, colour_matrix: Any) -> dict[str, Any]:
+        if not np.all(white > 0):
+            raise ValueError(f"the white has a dead channel: R, G, B = {white}; look at the filter, the illuminant and peak_qe")
+        matrix = np.asarray(colour_matrix, dtype=float) / np.asarray(white, dtype=float)
+        return {"xyz_scene": colour.apply_matrix(matrix, rgb_camera)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (1e-6 if precision == "float32" else 2e-15), "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Balance(Stage):
+    """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14)."""
+
+    reads: ClassVar = {"xyz_scene": "channel y x [1]", "white_xyz": "component [1]"}
+    writes: ClassVar = {"xyz_scene": "channel y x [1]"}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    libraries: ClassVar = ("colour-science",)
+
+    space: str = param("Von Kries", choices=tuple(SPACES), doc="cone space of the gains")
+    target: str = param("D65", doc="white of the display: an illuminant or a display")
+    gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
+
+    def prepare(self, coordinates: Any) -> Any:
+        return white_of(self.target)
+
+    def run(self, xyz_scene: Any, white_xyz: Any, prepared: Any) -> dict[str, Any]:
+        cones = colour.TRANSFORMS[SPACES[self.space]]
+        if self.gains == "as_printed":
+            matrix = np.linalg.solve(cones, np.diag(PRINTED_GAINS) @ cones)
+        else:
+            matrix = colour.von_kries_matrix(np.asarray(white_xyz, dtype=float), prepared, cones)
+        return {"xyz_scene": colour.apply_matrix(matrix, xyz_scene)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (1e-6 if precision == "float32" else 3e-15), "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Display(Stage):
+    """Tristimulus values to linear display primaries: the inverse of primaries x cones (section 3.2 of the paper)."""
+
+    reads: ClassVar = {"xyz_scene": "channel y x [1]"}
+    writes: ClassVar = {"rgb_linear": "channel y x [1]"}
+    creates: ClassVar = {"channel": RGB}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    libraries: ClassVar = ("colour-science",)
+
+    display: str = param("sRGB", choices=("sRGB", *DISPLAYS), doc="whose primaries; not sRGB: measured spectra and cone fundamentals")
+    render_exposure: float = quantity("render_exposure")
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
+
+    def prepare(self, coordinates: Any) -> Any:
+        if self.display == "sRGB":
+            return np.linalg.inv(colour.RGB_TO_XYZ_SRGB)
+        primaries = spectra.display_primaries(self.display, TABLE_EDGES)
+        to_lms = spectra.cone_fundamentals(TABLE_EDGES).T @ primaries
+        fitted = spectra.xyz_to_lms_matrix(TABLE_EDGES)
+        white = white_of(self.display)
+        # The cones are no exact mixture of the colour-matching functions: rows are scaled so that white stays white.
+        lms_white = to_lms.sum(axis=1)
+        fitted = fitted * (lms_white / (fitted @ white))[:, None]
+        return np.linalg.solve(to_lms, fitted)
+
+    def run(self, xyz_scene: Any, prepared: Any) -> dict[str, Any]:
+        return {"rgb_linear": colour.apply_matrix(prepared * self.render_exposure, xyz_scene)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (2e-6 if precision == "float32" else 5e-15), "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToXyz(Stage):
+    """Linear RGB to XYZ by eq. 16: full precision by default, printed forms by name."""
+
+    reads: ClassVar = {"rgb_linear": "channel y x [1]"}
+    writes: ClassVar = {"xyz_display": "channel y x [1]"}
+    creates: ClassVar = {"channel": XYZ}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+
+    matrix: str = param("ebu", choices=("ebu", "sRGB", "eq16_corrected_3digit", "eq16_as_printed"))
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"xyz_display": inputs["rgb_linear"].replace(channel=XYZ)}
+
+    def run(self, rgb_linear: Any) -> dict[str, Any]:
+        matrices = {
+            "ebu": colour.RGB_TO_XYZ_PAL, "sRGB": colour.RGB_TO_XYZ_SRGB,
+            "eq16_corrected_3digit": colour.EQ16_CORRECTED, "eq16_as_printed": colour.EQ16_AS_PRINTED,
+        }  # fmt: skip
+        return {"xyz_display": colour.apply_matrix(matrices[self.matrix], rgb_linear)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (1e-6 if precision == "float32" else 1e-15), "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Encode(Stage):
+    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted."""
+
+    reads: ClassVar = {"rgb_linear": "channel y x [1]"}
+    writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 15.0
+
+    encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
+    exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power' (eq. 15)")
+
+    def run(self, rgb_linear: Any) -> dict[str, Any]:
+        kind = rgb_linear.dtype.type
+        inside = np.clip(rgb_linear, kind(0), kind(1))
+        outside = np.count_nonzero(inside != rgb_linear) / max(rgb_linear.size, 1)
+        if self.encoding == "power":
+            encoded = transfer.gamma_signed(inside, self.exponent)
+        else:
+            encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
+        return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (1e-6 if precision == "float32" else 1e-15), "measured"
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {
+        "white": White, "colour_fit": ColourFit, "camera_to_xyz": CameraToXyz, "balance": Balance, "display": Display,
+        "to_xyz": ToXyz, "encode": Encode,
+    }  # fmt: skip

@@ -1,0 +1,179 @@
+"""The colour filter array takes two thirds away; what may be said about the guesses that put them back."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from etendue.physics import demosaic, mosaic
+from tests.physics.reference import extra
+
+METHODS = (demosaic.nearest, demosaic.bilinear, demosaic.colour_difference)
+SMALL = [(1, 1), (1, 2), (2, 1), (1, 3), (1, 6), (5, 1), (2, 2), (3, 2), (2, 3), (3, 3), (5, 7), (8, 8)]
+
+patterns = st.sampled_from(mosaic.PATTERNS)
+methods = st.sampled_from(METHODS)
+shapes = st.tuples(st.integers(1, 9), st.integers(1, 9))
+seeds = st.integers(0, 2**32 - 1)
+FLIPPED_ROWS = {"RGGB": "GBRG", "GBRG": "RGGB", "BGGR": "GRBG", "GRBG": "BGGR"}
+TRANSPOSED = {"RGGB": "RGGB", "BGGR": "BGGR", "GRBG": "GBRG", "GBRG": "GRBG"}
+
+
+def noise(shape, seed):
+    return np.random.default_rng(seed).uniform(0.0, 1.0, shape)
+
+
+@given(pattern=patterns, shape=shapes, seed=seeds)
+def test_each_pixel_keeps_the_colour_the_pattern_names(pattern, shape, seed):
+    planes = noise((3, *shape), seed)
+    index = mosaic.colour_index(pattern, *shape)
+    picked = mosaic.pick(planes, pattern)
+    assert_array_equal(picked, np.take_along_axis(planes, index[None].astype(int), 0)[0])
+    for (y, x), colour in np.ndenumerate(index):
+        assert "RGB"[colour] == pattern[2 * (y % 2) + x % 2]
+        assert (y % 2, x % 2) in mosaic.phase(pattern)["RGB"[colour]]
+
+
+def test_unknown_patterns_are_refused_with_the_four_that_exist():
+    for call in (
+        lambda: mosaic.phase("RGBG"),
+        lambda: mosaic.pick(np.zeros((3, 2, 2)), "rggb"),
+        lambda: demosaic.bilinear(np.zeros((4, 4)), "XTRANS"),
+    ):
+        with pytest.raises(ValueError, match="RGGB, BGGR, GRBG, GBRG"):
+            call()
+    with pytest.raises(ValueError, match="planes has shape"):
+        mosaic.pick(np.zeros((2, 4, 4)), "RGGB")
+    for shape in ((4,), (0, 4), (3, 4, 4)):
+        with pytest.raises(ValueError, match="mosaic has shape"):
+            demosaic.nearest(np.zeros(shape), "RGGB")
+
+
+@pytest.mark.parametrize("case", extra("demosaic_exact"), ids=lambda c: c["pattern_top_left_row_major"])
+@pytest.mark.parametrize("name", ["bilinear", "colour_difference_bilinear"])
+def test_the_rational_cases_are_exact_in_the_interior(case, name):
+    method = demosaic.bilinear if name == "bilinear" else demosaic.colour_difference
+    planes = method(np.array(case["mosaic"]), case["pattern_top_left_row_major"])
+    first, last = case["rows_cols"]
+    # sums of 12-bit integers over 2, 4 and 16 are exact in binary
+    assert_array_equal(np.moveaxis(planes, 0, -1)[first:last, first:last], np.array(case[name]))
+
+
+@given(pattern=patterns, shape=shapes, seed=seeds, method=methods)
+def test_measured_samples_are_untouched(pattern, shape, seed, method):
+    raw = noise(shape, seed)
+    planes = method(raw, pattern)
+    assert planes.shape == (3, *shape)
+    assert np.isfinite(planes).all()
+    assert_array_equal(mosaic.pick(planes, pattern), raw)
+
+
+@pytest.mark.parametrize("shape", SMALL)
+@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+def test_a_constant_grey_frame_of_any_size_stays_constant(pattern, shape):
+    for method in METHODS:
+        # sums of 2 and 4 equal numbers over 2 and 4 are exact
+        assert_array_equal(method(np.full(shape, 0.1), pattern), np.full((3, *shape), 0.1))
+
+
+@given(pattern=patterns, rows=st.integers(2, 9), columns=st.integers(2, 9), method=methods)
+def test_constant_colours_stay_constant_up_to_the_border(pattern, rows, columns, method):
+    planes = np.broadcast_to(np.array([0.7, 0.2, 0.4])[:, None, None], (3, rows, columns))
+    # G - (G - R) rounds at 1e-16
+    assert_allclose(method(mosaic.pick(planes, pattern), pattern), planes, rtol=0, atol=2e-16)
+
+
+@given(pattern=patterns, seed=seeds)
+def test_linear_planes_are_exact_inside_the_border(pattern, seed):
+    a, b, c = noise((3, 3), seed)[:, :, None, None]
+    y, x = np.mgrid[:9, :10]
+    planes = a * y + b * x + c
+    for method, border in ((demosaic.bilinear, 1), (demosaic.colour_difference, 2)):
+        inner = np.s_[:, border:-border, border:-border]
+        result = method(mosaic.pick(planes, pattern), pattern)
+        assert_allclose(result[inner], planes[inner], rtol=0, atol=1e-14)  # values up to 20
+
+
+@given(pattern=patterns, seed=seeds, method=methods, colour=st.integers(0, 2))
+def test_a_colour_cast_moves_its_own_plane_only(pattern, seed, method, colour):
+    raw = noise((6, 7), seed)
+    cast = 0.25 * (mosaic.colour_index(pattern, 6, 7) == colour)
+    moved = method(raw + cast, pattern) - method(raw, pattern)
+    if (
+        method is demosaic.colour_difference and colour == 1
+    ):  # red and blue follow green, measured samples do not
+        moved[[0, 2]] = 0
+    assert_allclose(moved, 0.25 * (np.arange(3) == colour)[:, None, None] * np.ones((3, 6, 7)), atol=1e-15)
+
+
+@given(pattern=patterns, shape=shapes, seed=seeds, method=st.sampled_from(METHODS[1:]))
+def test_mirrored_and_transposed_scenes_give_mirrored_and_transposed_pictures(pattern, shape, seed, method):
+    raw = noise(shape, seed)
+    planes = method(raw, pattern)
+    assert_array_equal(method(raw.T, TRANSPOSED[pattern]), planes.swapaxes(1, 2))
+    flipped = FLIPPED_ROWS[pattern] if shape[0] % 2 == 0 else pattern
+    assert_array_equal(method(raw[::-1], flipped), planes[:, ::-1])
+
+
+@given(pattern=patterns, seed=seeds)
+def test_nearest_repeats_its_cell_with_the_green_of_the_row(pattern, seed):
+    raw = noise((4, 6), seed)
+    planes = demosaic.nearest(raw, pattern)
+    for colour in (0, 2):
+        [(row, column)] = mosaic.phase(pattern)["RGB"[colour]]
+        assert_array_equal(planes[colour], raw[row::2, column::2].repeat(2, axis=0).repeat(2, axis=1))
+    for row, column in mosaic.phase(pattern)["G"]:
+        assert_array_equal(planes[1, row::2], raw[row::2, column::2].repeat(2, axis=1))
+
+
+@given(pattern=patterns, seed=seeds, method=methods)
+def test_red_and_blue_are_treated_alike(pattern, seed, method):
+    raw = noise((6, 7), seed)
+    swapped = pattern.translate(str.maketrans("RB", "BR"))
+    assert_array_equal(method(raw, swapped), method(raw, pattern)[::-1])
+
+
+@given(pattern=patterns, seed=seeds)
+def test_moving_the_window_moves_the_picture(pattern, seed):
+    raw = noise((12, 13), seed)
+    moved = pattern[1] + pattern[0] + pattern[3] + pattern[2]
+    for method in (demosaic.bilinear, demosaic.colour_difference):
+        whole, part = method(raw, pattern), method(raw[:, 1:], moved)
+        assert_array_equal(part[:, 2:-2, 2:-2], whole[:, 2:-2, 3:-2])
+
+
+@given(pattern=patterns, length=st.integers(2, 9), seed=seeds)
+def test_a_single_line_interpolates_along_itself_and_fills_in_the_absent_colour(pattern, length, seed):
+    raw = noise((1, length), seed)
+    absent = ({0, 1, 2} - {"RGB".index(c) for c in pattern[:2]}).pop()
+    for method in METHODS:
+        planes = method(raw, pattern)
+        present = np.delete(planes, absent, axis=0)
+        assert_allclose(planes[absent], present.mean(axis=0), rtol=1e-15)
+    even = "RGB".index(pattern[0])
+    line = demosaic.bilinear(raw, pattern)[even, 0]
+    if length > 2:
+        assert_allclose(line[1], (raw[0, 0] + raw[0, 2]) / 2, rtol=1e-15)
+    if length % 2 == 0:
+        assert line[-1] == raw[0, -2]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nan_spreads_no_further_than_the_method_reaches(method):
+    raw = noise((15, 15), 1)
+    raw[7, 8] = np.nan
+    y, x = np.nonzero(np.isnan(method(raw, "GRBG")).any(axis=0))
+    reach = 2 if method is demosaic.colour_difference else 1
+    assert max(abs(y - 7).max(), abs(x - 8).max()) <= reach
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_float32_is_kept_and_close_and_inputs_are_not_written(method):
+    raw = noise((64, 65), 2).astype(np.float32)
+    before = raw.copy()
+    planes = method(raw, "BGGR")
+    assert planes.dtype == np.float32
+    assert_array_equal(raw, before)
+    # up to 9 roundings of values up to 2
+    assert_allclose(planes, method(raw.astype(np.float64), "BGGR"), rtol=0, atol=1e-6)
