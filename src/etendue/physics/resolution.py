@@ -2,7 +2,7 @@
 
 In:  a transfer function as a callable of frequency (cycles/um), photon weights by wavelength.
 Out: MTF50, cycles/um.
-Sources: photon-weighted polychromatic MTF; bisection.
+Sources: photon-weighted polychromatic MTF; bracketing.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]
+REFINEMENT, ROUNDS = 128, 2  # the bracket is 16384 times narrower before the chord through its ends is taken
 
 
 def polychromatic(otf: FloatArray, weights: FloatArray | None) -> FloatArray:
@@ -42,19 +43,20 @@ def mtf50(otf: Callable[[FloatArray], FloatArray], weights: FloatArray | None, h
 
     Notes
     -----
-    The crossing is bracketed on the nodes and bisected to 1e-15 of ``highest``. A dip narrower than
+    The crossing is bracketed on the nodes and narrowed twice, the last chord is linear (its error is the square of
+    1e-6 of ``highest``). A dip narrower than
     ``highest/nodes`` can be missed; no transfer function of a lens, photodiode or pixel has one. Error against the
-    closed forms of a Gaussian (sqrt(ln 2 / 2) / (pi sigma)) and of a box (0.603355 / w): below 1e-14 relative.
+    closed forms of a Gaussian (sqrt(ln 2 / 2) / (pi sigma)) and of a box (0.603355 / w): below 1e-11 relative.
     """
     grid = np.linspace(0.0, highest, nodes + 1)
     below = np.flatnonzero(polychromatic(np.asarray(otf(grid)), weights) < 0.5)
     if below.size == 0:
         return float("nan")
     low, high = float(grid[below[0] - 1]), float(grid[below[0]])
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if polychromatic(np.asarray(otf(np.array([middle]))), weights)[0] < 0.5:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
+    for _ in range(ROUNDS):
+        inner = np.linspace(low, high, REFINEMENT + 1)
+        values = polychromatic(np.asarray(otf(inner)), weights)
+        first = int(np.argmax(values < 0.5))
+        low, high = float(inner[first - 1]), float(inner[first])
+    above, under = float(values[first - 1]), float(values[first])
+    return low + (high - low) * (above - 0.5) / (above - under)

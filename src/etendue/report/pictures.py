@@ -132,7 +132,11 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
 
 
 def contact_sheet(frames: list[Frame], path: Path, title: str) -> None:
-    """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all."""
+    """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all.
+
+    Frames stand at a whole number of screen pixels per sample: a mosaic resampled by anything else shows a moire that
+    is not in it.
+    """
     import os
 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -140,15 +144,23 @@ def contact_sheet(frames: list[Frame], path: Path, title: str) -> None:
 
     columns = min(5, len(frames))
     rows = -(-len(frames) // columns)
-    figure = Figure(figsize=(2.9 * columns, 3.15 * rows + 0.4), dpi=100, facecolor="white")
+    box, label, gap, head = LARGEST, 34, 10, 34
+    width, height = columns * (box + gap) + gap, head + rows * (box + label + gap) + gap
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=13)
+    figure.text(0.5, 1 - 0.55 * head / height, title, ha="center", va="center", fontsize=13)
     for number, frame in enumerate(frames):
-        axes = figure.add_subplot(rows, columns, number + 1)
-        axes.imshow(np.moveaxis(frame.picture, 0, -1), interpolation="nearest")
-        axes.set_title(f"{number + 1}. {frame.stage}\n{frame.variable}  {frame.size[1]} x {frame.size[0]}", fontsize=8)
-        axes.set_axis_off()
-    figure.tight_layout(rect=(0, 0, 1, 0.98))
+        picture = np.moveaxis(frame.picture, 0, -1)
+        scale = max(1, box // max(picture.shape[:2]))
+        picture = np.repeat(np.repeat(picture, scale, axis=0), scale, axis=1)
+        row, column = divmod(number, columns)
+        left = gap + column * (box + gap)
+        top = height - head - row * (box + label + gap) - label
+        figure.text(
+            (left + box / 2) / width, (top + 4) / height, f"{number + 1}. {frame.stage}\n{frame.variable}  {frame.size[1]} x {frame.size[0]}",
+            ha="center", va="bottom", fontsize=8,
+        )  # fmt: skip
+        figure.figimage(picture, xo=left + (box - picture.shape[1]) // 2, yo=top - picture.shape[0], origin="upper")
     temporary = path.with_name(path.name + ".partial")
     figure.savefig(temporary, format="png")
     os.replace(temporary, path)

@@ -187,12 +187,20 @@ class Otf:
         fx = np.asarray(frequency, dtype=float)[None, :]
         product = np.ones((len(self.edges) - 1, 1, fx.size))
         for stage in self.stages:
-            prepared = None
-            if hasattr(stage, "prepare"):
-                grid = Grid.of({"wavelength": Bands(self.edges)})
-                prepared = prepared_of(stage, {"irradiance": grid}, {})
-            product = product * transfer_of(stage, np.zeros((1, 1)), fx, self.edges, prepared)
+            product = product * (self._at(stage, fx) if fx.size < 256 else self._remembered(stage, fx))
         return product[:, 0, :]
+
+
+    def _at(self, stage: Stage, fx: Any) -> Any:
+        prepared = None
+        if hasattr(stage, "prepare"):
+            grid = Grid.of({"wavelength": Bands(self.edges)})
+            prepared = prepared_of(stage, {"irradiance": grid}, {})
+        return transfer_of(stage, np.zeros((1, 1)), fx, self.edges, prepared)
+
+    def _remembered(self, stage: Stage, fx: Any) -> Any:
+        """The coarse grid of a search is the same in every cell of a sweep."""
+        return _tables.get(("otf", stage, self.edges, fx.tobytes()), lambda: self._at(stage, fx))
 
 
 def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> dict[str, Any]:

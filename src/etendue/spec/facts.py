@@ -18,12 +18,14 @@ class Facts:
     uniform : the same value at every position
     low, high : bounds on the values, in the variable's unit
     contrast : largest over smallest value; inf where the scene holds exact black
+    band_limit : frequency above which the scene holds less than a hundredth of its contrast, cycles/um
     """
 
     uniform: bool | None = None
     low: float | None = None
     high: float | None = None
     contrast: float | None = None
+    band_limit: float | None = None
 
     def scaled(self, low: float, high: float | None = None) -> Facts:
         """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0)."""

@@ -8,10 +8,10 @@ Out: a float in the declared unit, converted once from the decimal text, so that
 from __future__ import annotations
 
 import re
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 # symbol -> (factor, base dimension symbols with exponents)
-_PREFIX = {"": 0, "n": -9, "u": -6, "µ": -6, "m": -3, "c": -2, "k": 3}
+_PREFIX = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "k": 3}  # micro sign and Greek mu
 _BASE = {"m": "m", "s": "s", "A": "A", "W": "W", "sr": "sr", "cd": "cd", "K": "K", "V": "V", "Hz": "Hz", "lx": "lx"}
 _PLAIN = {
     "electron": (Decimal(1), {"electron": 1}),
@@ -27,7 +27,7 @@ _PLAIN = {
     "in": (Decimal("0.0254"), {"m": 1}),
     "min": (Decimal(60), {"s": 1}),
 }
-_TOKEN = re.compile(r"(?P<symbol>1|%|[A-Za-zµ]+)(?:\^?(?P<power>[-+]?\d+))?$")
+_TOKEN = re.compile(r"(?P<symbol>1|%|[A-Za-zµμ]+)(?:\^?(?P<power>[-+]?\d+))?$")
 _NUMBER = re.compile(r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*?)\s*$")
 
 
@@ -74,21 +74,23 @@ def to_unit(value: Decimal | int | str, unit: str) -> float:
     UnitError
         Not a number, an unknown unit, or one of another dimension.
     """
-    if isinstance(value, str):
-        match = _NUMBER.match(value)
-        if not match:
-            raise UnitError(f"{value!r} is not a number with a unit")
-        number = Decimal(match["number"])
-        if match["unit"]:
-            factor, dims = parse_unit(match["unit"])
-            own_factor, own_dims = parse_unit(unit)
-            if dims != own_dims:
-                raise UnitError(f"{value!r} is in {match['unit']}, which is not compatible with {unit}")
-            number = number * factor / own_factor
-    else:
-        try:
+    try:
+        if isinstance(value, str):
+            match = _NUMBER.match(value)
+            if not match:
+                raise UnitError(f"{value!r} is not a number with a unit")
+            number = Decimal(match["number"])
+            if match["unit"]:
+                factor, dims = parse_unit(match["unit"])
+                own_factor, own_dims = parse_unit(unit)
+                if dims != own_dims:
+                    raise UnitError(f"{value!r} is in {match['unit']}, which is not compatible with {unit}")
+                number = number * factor / own_factor
+        elif isinstance(value, Decimal | int) and not isinstance(value, bool):
             number = Decimal(value)
-        except (InvalidOperation, TypeError) as error:
-            raise UnitError(f"{value!r} is not a number") from error
+        else:
+            raise UnitError(f"{value!r} is not a number")
+    except ArithmeticError as error:  # an exponent that no decimal holds
+        raise UnitError(f"{value!r} is not a number") from error
     result = float(number)
     return result + 0.0  # -0 is 0

@@ -126,7 +126,11 @@ class ColourFit(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraToXyz(Stage):
-    """Camera primaries over the white, times the fitted matrix: a white diffuser has Y = 1."""
+    """Camera primaries over the white, times the fitted matrix: a white diffuser has Y = 1.
+
+    Where a channel is clipped its true value is unknown. ``highlights = "neutral"`` ends all balanced channels at the
+    level at which the first of them clips, so that what is too bright turns white and not magenta.
+    """
 
     reads: ClassVar = {"rgb_camera": "channel y x [1]", "white": "channel [1]", "colour_matrix": "component channel [1]"}
     writes: ClassVar = {"xyz_scene": "channel y x [1]"}
@@ -134,13 +138,19 @@ class CameraToXyz(Stage):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
 
+    highlights: str = param("neutral", choices=("neutral", "keep"), doc="what becomes of clipped channels")
+
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
     def run(self, rgb_camera: Any, white: Any, colour_matrix: Any) -> dict[str, Any]:
         if not np.all(white > 0):
             raise ValueError(f"the white has a dead channel: R, G, B = {white}; look at the filter, the illuminant and peak_qe")
-        matrix = np.asarray(colour_matrix, dtype=float) / np.asarray(white, dtype=float)
+        balance = 1.0 / np.asarray(white, dtype=float)
+        matrix = np.asarray(colour_matrix, dtype=float) * balance
+        if self.highlights == "neutral":
+            first_to_clip = balance.min()
+            rgb_camera = np.minimum(rgb_camera, (first_to_clip / balance).astype(rgb_camera.dtype)[:, None, None])
         return {"xyz_scene": colour.apply_matrix(matrix, rgb_camera)}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:

@@ -7,7 +7,7 @@ Out: ``irradiance`` (wavelength, y, x), W m-2 nm-1, in front of the sensor.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -151,12 +151,9 @@ class Diffraction(_Blur):
         shortest = grid.bands().edges[0] * 1e-3
         cutoff = 1.0 / (shortest * float(radiometry.working_f_number(self.f_number, self.magnification)))
         nyquist = 0.5 / grid.line("x").step
-        if nyquist < cutoff and facts.uniform is not True:
-            return [
-                f"the grid of {grid.line('x').step:g} um resolves {nyquist:.2f} cycles/um, the optics up to {1e3 * cutoff / 1e3:.2f}: "
-                "right for a scene that holds no finer detail than its samples"
-            ]
-        return []
+        if facts.uniform or min(cutoff, facts.band_limit or math.inf) <= 1.001 * nyquist:
+            return []
+        return [f"the grid of {grid.line('x').step:g} um is too coarse for what the lens passes; give the scene a smaller spacing"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +226,7 @@ class OpticalFilter(Stage):
         return (0.0, "it lets everything through") if not self.table and math.isinf(self.cut_off) else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        return Facts(uniform=facts["irradiance"].uniform, contrast=facts["irradiance"].contrast)
+        return replace(facts["irradiance"], low=None, high=None)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-7 if precision == "float32" else 4e-16), "proved"

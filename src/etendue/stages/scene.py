@@ -7,7 +7,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar
 
@@ -60,9 +60,14 @@ class Scene(Stage):
         """Facts about the chart; contrast is that of the reflectances."""
         raise TypeError(f"{type(self).__name__} must say what is known of it")
 
+    def band_limit(self) -> float | None:
+        """Frequency at which the rendering leaves a hundredth; that of the samples where nothing else is known."""
+        softness = self.softness_um(getattr(self, "softness", 0.0))
+        return math.sqrt(0.5 * math.log(100.0)) / (math.pi * softness) if softness > 0 else None
+
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
-        return self.known(), {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+        return replace(self.known(), band_limit=self.band_limit()), {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
 
     def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
         """Tables are interpolated to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
@@ -289,6 +294,9 @@ class Photograph(Scene):
 
     file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
     libraries: ClassVar = ("colour-science", "pillow")
+
+    def band_limit(self) -> float:
+        return 0.5 / self.spacing
 
     def size(self) -> tuple[int, int]:
         grid = self.plane()
