@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,28 +18,35 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 class _Main(click.Group):
     """Turns errors raised on purpose into one clear message and the right exit code."""
 
-    def invoke(self, ctx: click.Context) -> Any:
-        from etendue.errors import EtendueError, RequestError
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.obj = "--json" in args
+        return super().parse_args(ctx, args)
 
-        as_json = "--json" in sys.argv
+    def invoke(self, ctx: click.Context) -> Any:
+        from etendue.errors import EtendueError, RequestError, Terminated
+
+        as_json = bool(ctx.obj)
         try:
             return super().invoke(ctx)
         except RequestError as error:
             if as_json:
-                faults = [{"file": error.file, "place": f.place, "message": f.message} for f in error.faults]
-                click.echo(json.dumps({"faults": faults}))
+                faults = [{"file": error.file, "line": f.line, "place": f.place, "message": f.message} for f in error.faults]
+                _say({"faults": faults})
             else:
                 click.echo(str(error), err=True)
             ctx.exit(2)
         except EtendueError as error:
-            click.echo(str(error), err=True)
+            if as_json and error.exit_code == 2:
+                _say({"faults": [{"file": "", "line": None, "place": "", "message": str(error)}]})
+            else:
+                click.echo(str(error), err=True)
             ctx.exit(error.exit_code)
         except OSError as error:
             click.echo(f"the machine refused: {error}; the archive is intact, run again when there is room", err=True)
             ctx.exit(5)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             click.echo("interrupted; the archive is intact, run again to go on", err=True)
-            ctx.exit(130)
+            ctx.exit(143 if isinstance(error, Terminated) else 130)
 
 
 @click.group(cls=_Main, context_settings=CONTEXT)
@@ -98,12 +108,13 @@ def _overrides(settings: tuple[str, ...], sweeps: tuple[str, ...], want: tuple[s
 
 
 def _pipeline_options(function: Any) -> Any:
+    repeat = "; may be repeated."
     for option in reversed(
         (
             click.argument("file", type=click.Path(path_type=Path)),
-            click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="camera.f_number=4, sharpen.strength=0.3, seed=7; may be repeated."),
-            click.option("--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="f_number=1.4,2,2.8 or demosaic.use=a,b; may be repeated."),
-            click.option("--want", multiple=True, metavar="VARIABLE", help="Compute this variable (or stage.variable) instead of the file's."),
+            click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="camera.f_number=4, sharpen.strength=0.3" + repeat),
+            click.option("--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="f_number=1.4,2,2.8 or demosaic.use=a,b" + repeat),
+            click.option("--want", multiple=True, metavar="VARIABLE", help="Compute this, or stage.variable, and nothing else" + repeat),
             click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale."),
             click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need."),
             click.option("--json", "as_json", is_flag=True, help="JSON on stdout."),
@@ -111,6 +122,21 @@ def _pipeline_options(function: Any) -> Any:
     ):
         function = option(function)
     return function
+
+
+def _say(document: Any) -> None:
+    """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor infinity."""
+    click.echo(json.dumps(_plain(document), allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
+    return value
 
 
 def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool) -> Any:
@@ -131,11 +157,28 @@ def plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, noth
     made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out)
     document = summary(made)
     if as_json:
-        click.echo(json.dumps(document))
+        _say(document)
         return
     from etendue.report.terminal import print_plan
 
     print_plan(document)
+
+
+@contextmanager
+def _answering_sigterm() -> Iterator[None]:
+    """SIGTERM ends a run like Ctrl-C, for as long as one is going on."""
+    import signal
+
+    from etendue.errors import Terminated
+
+    def terminate(*_: object) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @main.command()
@@ -154,7 +197,7 @@ def run(
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
     On an archive that exists this resumes. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
-    4 the archive is in use, 5 the machine is short, 130 interrupted (the archive is intact).
+    4 the archive is in use, 5 the machine is short, 130 or 143 interrupted (the archive is intact).
     """
     made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out)
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
@@ -165,9 +208,10 @@ def run(
     if not as_json:
         for text in made.warnings:
             click.echo(f"note: {text}", err=True)
-    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    with _answering_sigterm():
+        outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
     if as_json:
-        click.echo(json.dumps(outcome_document(outcome)))
+        _say(outcome_document(outcome))
     else:
         print_outcome(outcome)
     sys.stdout.flush()
@@ -188,7 +232,7 @@ def stages(name: str | None, as_json: bool) -> None:
         raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}")
     documents = [stage_document(registry, one) for one in ([name] if name else registry.names())]
     if as_json:
-        click.echo(json.dumps(documents))
+        _say(documents)
     elif name:
         print_stage(documents[0])
     else:
@@ -205,6 +249,6 @@ def show(folder: Path, as_json: bool) -> None:
 
     document = describe_archive(folder)
     if as_json:
-        click.echo(json.dumps(document))
+        _say(document)
     else:
         print_archive(document)

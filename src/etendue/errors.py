@@ -15,6 +15,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, answered like Ctrl-C: what is finished stays finished."""
+
+
 class EtendueError(Exception):
     """Root of everything raised on purpose."""
 
@@ -27,6 +31,7 @@ class Fault:
 
     place: str
     message: str
+    line: int | None = None  # of the pipeline file, where it is known
 
     def __str__(self) -> str:
         return f"{self.place}: {self.message}" if self.place else self.message
@@ -43,8 +48,11 @@ class RequestError(EtendueError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        prefix = f"{self.file}: " if self.file else ""
-        return "\n".join(f"{prefix}{fault}" for fault in self.faults)
+        return "\n".join(f"{self._where(fault)}{fault}" for fault in self.faults)
+
+    def _where(self, fault: Fault) -> str:
+        line = f":{fault.line}" if fault.line else ""
+        return f"{self.file}{line}: " if self.file else ""
 
 
 class PluginError(EtendueError):
@@ -75,8 +83,11 @@ def nearest(name: str, valid: Iterable[str]) -> str:
     """'; did you mean X?' for the closest valid name, else the list of valid ones when it is short."""
     names = sorted(set(valid))
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    if not close and len(name) > 2:
+        close = [valid_name for valid_name in names if name.lower() in valid_name.lower()]
     if close:
         return f"; did you mean {close[0]!r}?"
-    if names and len(names) <= 16:
-        return f"; valid: {', '.join(names)}"
+    text = ", ".join(names)
+    if names and len(text) <= 120:
+        return f"; valid: {text}"
     return ""

@@ -148,9 +148,13 @@ def execute(
         _check_platform(store.folder, old, options, provenance.platform_record())
         finished = set() if options.recompute else {ref for ref in plan.cells if store.finished(ref)}
         todo = select(plan, finished)
+        store.begin(todo)
         known = {cell for cell, entry in store.journal.entries.items() if entry.event == "done"}
         reasons = provenance.reasons(old, plan) if known else {}
-        reasons = {name: why for name, why in reasons.items() if any(ref[0] == name for ref in todo)}
+        again = {ref[0] for ref in todo}
+        reasons = {name: why for name, why in reasons.items() if name in again}
+        for name, count in store.damaged.items():
+            reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
         if todo or old is None:
             provenance.write_record(store.folder, plan, {"tolerance": plan.pipeline.tolerance, "scheduler": options.scheduler})
             provenance.copy_inputs(store.folder, plan)
@@ -173,15 +177,20 @@ def execute(
             arrays.update(result.kept)  # type: ignore[arg-type]
             progress.finished(tuple(fresh))
 
+        outcome = Outcome(plan, reports, set(plan.cells) - todo, 0.0, reasons, store.folder, arrays=arrays)
+        from etendue.report import pictures, tables
+
         progress.begin(len(todo))
         try:
             _run(partition(jobs, options.batch_seconds), show, before, after, options)
+        except KeyboardInterrupt:  # what is finished can be looked at, and the next run goes on from it
+            _merge_journal(outcome, store)
+            store.close_run({"ledger": tables.ledger(plan, outcome.reports), "summary": tables.summary(plan, outcome.reports)})
+            provenance.write_manifest(store.folder)
+            raise
         finally:
             progress.end()
-        outcome = Outcome(plan, reports, set(plan.cells) - todo, time.perf_counter() - began, reasons, store.folder, arrays=arrays)
         _merge_journal(outcome, store)
-        from etendue.report import pictures, tables
-
         kept_tables = {"ledger": tables.ledger(plan, outcome.reports), "summary": tables.summary(plan, outcome.reports)}
         if arrays:
             frames = pictures.render(plan, shown_cells(plan), {**_stored(plan, store, todo), **arrays})
@@ -300,6 +309,13 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
 
 
 def _available_memory() -> int:
+    """Bytes that can be had without swapping; the system's cache of files counts as free."""
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    except (ValueError, OSError):
+        pass
     try:
         return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (ValueError, OSError):

@@ -18,7 +18,7 @@ import google_crc32c
 import numpy as np
 from numcodecs import blosc
 
-from etendue.errors import ArchiveError
+from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.spec.ports import Written
 
 blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
@@ -72,7 +72,7 @@ class CellFiles:
         except FileNotFoundError:
             owner = ""
         if owner != self.run_id:
-            raise ArchiveError(f"{root} belongs to another run now; this worker stops")
+            raise ArchiveInUse(f"{root} belongs to another run now; this one stops")
         written = []
         for chunk in self.chunks:
             array = arrays[chunk.variable]

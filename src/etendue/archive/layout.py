@@ -10,11 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.spec.grid import Bands, Coordinate, Labels, Line
 from etendue.spec.variables import LONG_NAMES
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
+STATUS_ATTRIBUTES = {"long_name": "what became of the cell", "units": "1", "flag_values": [0, 1, 2, 3, 4], "flag_meanings": " ".join(STATUS)}
+BOUNDS = "wavelength_bounds"
 AXIS_NAMES = {"f_number": "f-number", "pixel_pitch": "pixel pitch", "integration_time": "integration time"}
 
 
@@ -75,8 +78,9 @@ def layout_of(plan: Plan) -> Layout:
         varies = any(cell.grids != cells[0].grids for cell in cells)
         if varies:
             parents[node.name] = attrs
+        shapes = _shape_names(cells) if varies else {}
         for cell in cells:
-            path = f"{node.name}/{_shape_name(cell)}" if varies else node.name
+            path = f"{node.name}/{shapes[cell.ref]}" if varies else node.name
             home[cell.ref] = path
             if path not in groups:
                 groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {}, attrs={} if varies else attrs)
@@ -90,12 +94,30 @@ def layout_of(plan: Plan) -> Layout:
     return Layout(groups, parents, home)
 
 
-def _shape_name(cell: Cell) -> str:
-    sizes: dict[str, int] = {}
-    for grid in cell.grids.values():
-        for dim, coordinate in grid.entries:
-            sizes.setdefault(dim, coordinate.size)
-    return f"{sizes['y']}x{sizes['x']}" if "y" in sizes and "x" in sizes else "_".join(f"{d}{n}" for d, n in sizes.items()) or "scalar"
+def _shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
+    """A name for the shape of each cell: cells share one that have the same sizes, wavelength bins and labels.
+
+    ``64x64`` from the sizes of y and x, behind it every other dim that differs between the cells.
+    """
+    own: dict[CellRef, dict[str, tuple[int, Coordinate | None]]] = {}
+    for cell in cells:
+        found = own.setdefault(cell.ref, {})
+        for grid in cell.grids.values():
+            for dim, coordinate in grid.entries:
+                found.setdefault(dim, (coordinate.size, None if isinstance(coordinate, Line) else coordinate))
+    first = own[cells[0].ref]
+    differ = {dim for found in own.values() for dim in found if found[dim] != first.get(dim)} - {"y", "x"}
+    names: dict[CellRef, str] = {}
+    shapes: dict[str, set[Any]] = {}
+    for ref, found in own.items():
+        plane = f"{found['y'][0]}x{found['x'][0]}" if "y" in found and "x" in found else ""
+        rest = [dim for dim in found if dim in differ or (not plane and found[dim][0] > 0)]
+        names[ref] = "_".join([*([plane] if plane else []), *(f"{dim}{found[dim][0]}" for dim in rest)]) or "scalar"
+        shapes.setdefault(names[ref], set()).add(tuple(sorted(found.items())))
+    for ref, name in names.items():
+        if len(shapes[name]) > 1:  # the same sizes with other bins or labels
+            names[ref] = f"{name}_{digest(repr(tuple(sorted(own[ref].items()))).encode())[:8]}"
+    return names
 
 
 def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kept: Sequence[str]) -> None:
@@ -122,10 +144,10 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
     first = next(iter(by_cell.values()))
     if isinstance(first, Bands):
         group.coordinates[dim] = CoordinateLayout(
-            (dim,), first.values(), {"units": "nm", "long_name": "wavelength", "standard_name": "radiation_wavelength", "bounds": "wavelength_bounds"}
+            (dim,), first.values(), {"units": "nm", "long_name": "wavelength", "standard_name": "radiation_wavelength", "bounds": BOUNDS}
         )
         bounds = [list(pair) for pair in zip(first.edges[:-1], first.edges[1:], strict=True)]
-        group.coordinates["wavelength_bounds"] = CoordinateLayout((dim, "bound"), bounds, {"units": "nm", "long_name": "edges of the wavelength bins"})
+        group.coordinates[BOUNDS] = CoordinateLayout((dim, "bound"), bounds, {"units": "nm", "long_name": "edges of the wavelength bins"})
         return
     if isinstance(first, Labels):
         attrs = {"long_name": dim} | ({"units": first.units} if first.units else {})

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.layout import STATUS, GroupLayout, layout_of
+from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, layout_of
 from etendue.plan.model import CellRef, Plan
 
 
@@ -21,17 +21,23 @@ def _dataset(layout: GroupLayout, arrays: Mapping[CellRef, Mapping[str, Any]], s
     data: dict[str, Any] = {}
     for variable in layout.variables.values():
         fill = np.nan if variable.dtype.startswith("float") else 0
-        whole = np.full((*sizes, *variable.shape), fill, dtype=variable.dtype)
+        whole = np.empty((*sizes, *variable.shape), dtype=variable.dtype)
+        missing = np.ones(sizes, dtype=bool)
         for ref, index in layout.cells.items():
             if variable.name in arrays.get(ref, {}):
                 whole[index] = arrays[ref][variable.name]
+                missing[index] = False
+        if missing.any():
+            whole[missing] = fill
         data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
     flags = np.full(sizes, 4, np.uint8)
     for ref, index in layout.cells.items():
         if ref in status:
             flags[index] = STATUS.index(status[ref])
-    data["status"] = (tuple(layout.axes), flags, {"flag_values": [0, 1, 2, 3, 4], "flag_meanings": " ".join(STATUS), "long_name": "what became of the cell"})
+    data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
     coordinates = {name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items()}
+    if BOUNDS in coordinates:
+        data[BOUNDS] = coordinates.pop(BOUNDS)
     return xarray.Dataset(data, coordinates, layout.attrs)
 
 

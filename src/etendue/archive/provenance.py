@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import math
 import os
 import platform
 import shutil
@@ -51,13 +52,24 @@ def node_records(plan: Plan) -> dict[str, Any]:
             "stage": [a.use for a in node.alternatives],
             "code": [a.digest for a in node.alternatives],
             "parameters": canonical(parameters),
-            "shown": {k: v if isinstance(v, int | float | str | bool) else str(v) for k, v in parameters.items()},
+            "shown": {k: _plain(v) for k, v in parameters.items()},
             "precision": plan.precision,
             "seed": plan.pipeline.seed if node.is_random else None,
             "inputs": sorted({source for bound in node.inputs for _, source, _ in bound}),
             "versions": cell.key_fields.get("versions", {}),
         }
     return records
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON: files by content, infinity in words."""
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if isinstance(value, str) and os.path.isabs(value) and os.path.isfile(value):
+        return f"sha256:{file_digest(value)}"
+    return value
 
 
 def latest_record(folder: Path) -> dict[str, Any] | None:
@@ -75,12 +87,12 @@ def write_record(folder: Path, plan: Plan, options: Mapping[str, Any]) -> Path:
     """Record a run before it starts: ``runs/<number>.json``."""
     runs = folder / "runs"
     runs.mkdir(exist_ok=True)
-    number = len(list(runs.glob("*.json"))) + 1
+    number = max((int(p.stem) for p in runs.glob("*.json") if p.stem.isdigit()), default=0) + 1
     record = {
         "pipeline": plan.pipeline.name,
         "text": plan.pipeline.text,
-        "camera": {k: v if isinstance(v, int | float | str | bool) else list(v) for k, v in plan.camera.items()},
-        "axes": {a.key: list(a.values) for a in plan.axes},
+        "camera": {k: _plain(v) for k, v in plan.camera.items()},
+        "axes": {a.key: _plain(a.values) for a in plan.axes},
         "nodes": node_records(plan),
         "options": dict(options),
         "platform": platform_record(),

@@ -14,12 +14,13 @@ from typing import Any
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.plan import leave_out
 from etendue.plan.graph import Graph
-from etendue.plan.keys import key_of, parameters_for_key, version_of
+from etendue.plan.keys import code_digest, key_of, parameters_for_key, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, is_random, parameters_of
+from etendue.spec.stage import Stage, arguments_of, is_random, parameters_of
+from etendue.spec.variables import Declaration
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,26 @@ class Choice:
 def expand(graph: Graph, pipeline: Pipeline, choice: Choice) -> tuple[dict[CellRef, Cell], str]:
     """All cells, and the precision they are computed in."""
     return _Expansion(graph, pipeline, choice).expand()
+
+
+def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
+    """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
+    creates = getattr(stage, "creates", {})
+    found = {}
+    leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
+    for dim in leading:
+        if given is not None and dim in given:
+            found[dim] = given[dim]
+        elif dim in creates:
+            found[dim] = creates[dim]
+        elif dim == "stage" and looks_at:
+            found[dim] = Labels(tuple(name for name, _ in looks_at[0][1]))
+        else:
+            source = next((g for g in inputs.values() if dim in g), None)
+            if source is None:
+                raise PluginError(f"{type(stage).__name__} does not say what {dim!r} of {declaration.variable} is")
+            found[dim] = source[dim]
+    return Grid.of(found)
 
 
 class _Expansion:
@@ -118,10 +139,10 @@ class _Expansion:
         try:
             if node.is_source:
                 facts, declared = self.describe(node, stage)
-                grids = {v: self.filled(node, stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
             else:
                 declared = stage.grid(input_grids) if hasattr(stage, "grid") else {}
-                grids = {v: self.filled(node, stage, d, declared.get(v), input_grids, looks_at) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids, looks_at) for v, d in node.writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
         except PluginError as error:
@@ -129,45 +150,25 @@ class _Expansion:
             return
         except (ValueError, RequestError) as error:
             where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
-            self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", str(error)))
+            text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else str(error)
+            self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
             return
         bound = leave_out.accumulated(stage, [self.cells[ref].bound for _, ref, _ in inputs], decided)
         if decided:
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
-        segment_input, chain = self.chain_of(node, stage, inputs, decided)
-        fields, key = self.key(node, stage, one, inputs, looks_at, decided, segment_input, chain)
+        seed = self.seed(node, stage, one, inputs, looks_at, index)
+        fields, key = self.key(node, stage, one, inputs, looks_at, decided, seed)
         cell = Cell(
             node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
-            seed=self.seed(node, stage, one, inputs, looks_at, index), input_grids=input_grids, grids=grids, facts=facts,
+            seed=seed, input_grids=input_grids, grids=grids, facts=facts,
             left_out=decided, bound=bound, error=self.error(stage, input_facts, input_grids),
-            segment_input=segment_input, chain=chain,
+            segment_input=self.segment_input(node, inputs),
         )  # fmt: skip
         self.cells[cell.ref] = cell
 
     def ref(self, name: str, by_dim: Mapping[str, int]) -> CellRef:
         return (name, tuple(by_dim[dim] for dim in self.nodes[name].axes))
-
-    def filled(
-        self, node: Node, stage: Stage, declaration: Any, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()
-    ) -> Grid:
-        """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
-        creates = getattr(stage, "creates", {})
-        found = {}
-        leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
-        for dim in leading:
-            if given is not None and dim in given:
-                found[dim] = given[dim]
-            elif dim in creates:
-                found[dim] = creates[dim]
-            elif dim == "stage" and looks_at:
-                found[dim] = Labels(tuple(name for name, _ in looks_at[0][1]))
-            else:
-                source = next((g for g in inputs.values() if dim in g), None)
-                if source is None:
-                    raise PluginError(f"{type(stage).__name__} does not say what {dim!r} of {declaration.variable} is")
-                found[dim] = source[dim]
-        return Grid.of(found)
 
     def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
         if hasattr(stage, "carry"):
@@ -179,18 +180,15 @@ class _Expansion:
             return None
         return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
 
-    def chain_of(self, node: Node, stage: Stage, inputs: Any, decided: LeftOut | None) -> tuple[Any, tuple[Stage, ...]]:
+    def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:
+        """What the segment of a transfer stage starts from."""
         if not node.segment:
-            return None, ()
+            return None
         _, source, variable = inputs[0]
-        before = self.cells[source]
-        joined = len(node.segment) > 1
-        segment_input = before.segment_input if joined else (source, variable)
-        chain = before.chain if joined else ()
-        return segment_input, chain if decided else (*chain, stage)
+        return self.cells[source].segment_input if len(node.segment) > 1 else (source, variable)
 
     def key(
-        self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, decided: Any, segment_input: Any, chain: Any
+        self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, decided: Any, seed: bytes
     ) -> tuple[dict[str, Any], str]:
         if decided:
             main = next(iter(node.writes))
@@ -207,14 +205,13 @@ class _Expansion:
         fields["versions"] = {name: version_of(name) for name in sorted(libraries)}
         if is_random(type(stage)):
             fields["seed"], fields["name"] = self.pipeline.seed, node.name
-        if segment_input:
-            fields["inputs"] = {p: self.cells[ref].key for p, ref, _ in inputs[1:]}
-            fields["inputs"]["segment"] = self.cells[segment_input[0]].key
-            fields["chain"] = [
-                [type(s).__module__, type(s).__name__, parameters_for_key(s)] for s in chain[:-1]
-            ]
+        if "rng" in arguments_of(type(stage)):
+            fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
         for port, refs in looks_at:
-            fields["inputs"][port] = [[ref[0], self.cells[ref].key] for ref in refs]
+            cells = [self.cells[ref] for ref in refs]
+            fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
+            if any(p == port and what == "transfer" for p, what, _ in node.looks_at):  # asked of the stages, left out or not
+                fields[f"{port} of"] = [[cell.use, code_digest(type(cell.stage)), parameters_for_key(cell.stage)] for cell in cells]
         return fields, key_of(fields)
 
     def seed(self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, index: tuple[int, ...]) -> bytes:

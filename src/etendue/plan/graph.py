@@ -13,11 +13,12 @@ from typing import Any
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.plan.keys import code_digest
 from etendue.plan.model import Alternative, Axis, Node
-from etendue.plan.parameters import Unfit, axis_values, resolve
+from etendue.plan.parameters import Unfit, axis_values, expected, resolve
 from etendue.registry import Registry
 from etendue.spec import camera as standard_camera
 from etendue.spec.pipeline import Pipeline, StageEntry
-from etendue.spec.stage import MISSING, Probe, Stage, ends_in_sum, is_transfer, parameters_of, reads_of, writes_of
+from etendue.spec.stage import MISSING, Parameter, Probe, Stage, ends_in_sum, is_transfer, parameters_of, reads_of, writes_of
+from etendue.spec.units import as_written
 
 
 @dataclass
@@ -41,7 +42,8 @@ class _Builder:
     def __init__(self, pipeline: Pipeline, registry: Registry) -> None:
         self.pipeline = pipeline
         self.registry = registry
-        self.faults: list[Fault] = []
+        self.faults: list[Fault] = list(pipeline.faults)
+        self.whole = pipeline.whole  # whether what every stage writes is known: else nothing is concluded from a lack
         self.warnings: list[str] = []
         self.axes: list[Axis] = []
         self.camera: dict[str, Any] = {}
@@ -51,9 +53,13 @@ class _Builder:
 
     # -- stages and parameters ------------------------------------------------------------------------
 
+    def no_stage(self, use: str) -> str:
+        hint = nearest(use, self.registry.names()) or f"; {len(self.registry.names())} are installed, listed by: etendue stages"
+        return f"there is no stage {use!r}{hint}"
+
     def load(self, use: str, place: str) -> type[Stage] | None:
         if use not in self.registry:
-            self.fault(place, f"there is no stage {use!r}{nearest(use, self.registry.names()) or '; see: etendue stages'}")
+            self.fault(place, self.no_stage(use))
             return None
         clash = self.registry.clash(use)
         if clash:
@@ -65,7 +71,7 @@ class _Builder:
             self.fault(place, str(error))
             return None
 
-    def alternative(self, use: str, label: str, written: Mapping[str, Any], place: str) -> Alternative | None:
+    def alternative(self, stage: str, use: str, label: str, written: Mapping[str, Any], place: str) -> Alternative | None:
         kind = self.load(use, place)
         if kind is None:
             return None
@@ -77,7 +83,9 @@ class _Builder:
                 hint = nearest(name, own)
                 if name in standard_camera.names():
                     hint = f"; {name} is a camera quantity: set it under [camera]"
-                self.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint or '; it has none'}")
+                else:
+                    hint = hint or ("; see: etendue stages " + use if own else "; it has none of its own")
+                self.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint}")
             elif declared[name][0].camera:
                 self.fault(f"{place}.{name}", f"{name} is shared by several stages: set camera.{name} under [camera]")
             else:
@@ -86,13 +94,11 @@ class _Builder:
                 except Unfit as error:
                     self.fault(f"{place}.{name}", str(error))
                     values[name] = None
-        swept = {key.partition(".")[2] for key in self.pipeline.sweep if key.partition(".")[0] == place.split(" ")[-1]}
+        swept = {key.partition(".")[2] for key in self.pipeline.sweep if key.partition(".")[0] == stage}
         for name in own:
             if name not in values:
                 if declared[name][2] is MISSING and name not in swept:
-                    parameter = declared[name][0]
-                    text = f" [{parameter.units}]" if parameter.units not in ("1", "") else ""
-                    self.fault(place, f"{use} needs {name!r}{text}: {parameter.doc or 'no default'}")
+                    self.fault(place, f"{use} needs {name!r}: {_meaning(declared[name][0])}")
                 values[name] = None if declared[name][2] is MISSING else declared[name][2]
         installed = self.registry.installed(use)
         digest = code_digest(kind)
@@ -101,26 +107,29 @@ class _Builder:
     def alternatives(self, entry: StageEntry) -> tuple[tuple[Alternative, ...], str | None]:
         key = f"{entry.name}.use"
         if key not in self.pipeline.sweep:
-            one = self.alternative(entry.use, entry.use, entry.values, entry.place)
+            one = self.alternative(entry.name, entry.use, entry.use, entry.values, entry.place)
             return ((one,) if one else ()), None
         place = f"sweep.{key}"
         values = self.pipeline.sweep[key]
+        if entry.use not in self.registry:
+            self.fault(entry.place, self.no_stage(entry.use))
         if isinstance(values, str) or not isinstance(values, list | tuple) or not values:
-            self.fault(place, f"expected a list of stages, got {values!r}")
+            self.fault(place, f"expected a list of stages, got {as_written(values)}")
             return (), None
         made, labels = [], []
         for value in values:
             table = {"use": value} if isinstance(value, str) else value
             if not isinstance(table, dict) or not isinstance(table.get("use"), str):
-                self.fault(place, f"expected a stage's name or a table with 'use', got {value!r}")
+                self.fault(place, f"expected a stage's name or a table with 'use', got {as_written(value)}")
                 continue
             label = str(table.get("label", table["use"]))
             own = {k: v for k, v in table.items() if k not in ("use", "label")}
             if label in labels:
                 self.fault(place, f"{label!r} stands twice; give one of them another 'label'")
+                continue
             labels.append(label)
-            shared = entry.values if table["use"] == entry.use else {}
-            one = self.alternative(table["use"], label, {**shared, **own}, f"{place} {entry.name}")
+            shared = entry.values if table["use"] == entry.use else {}  # the stage's own table belongs to its own 'use'
+            one = self.alternative(entry.name, table["use"], label, {**shared, **own}, place)
             if one:
                 made.append(one)
         if made:
@@ -129,14 +138,14 @@ class _Builder:
         return tuple(made), entry.name
 
     def same_writes(self, made: list[Alternative], place: str) -> None:
-        first = writes_of(made[0].kind)
+        first = {str(d) for d in writes_of(made[0].kind).values()}
         for other in made[1:]:
-            if writes_of(other.kind) != first or is_transfer(other.kind) != is_transfer(made[0].kind):
-                self.fault(
-                    place,
-                    f"{other.use} writes {', '.join(map(str, writes_of(other.kind).values()))}, but {made[0].use} writes "
-                    f"{', '.join(map(str, first.values()))}; alternatives write the same",
-                )
+            own = {str(d) for d in writes_of(other.kind).values()}
+            for one, has, another, lacks in ((other, own, made[0], first), (made[0], first, other, own)):
+                if has - lacks:
+                    self.fault(place, f"{one.use} writes {_some(has - lacks)}, which {another.use} does not; alternatives write the same")
+            if own == first and is_transfer(other.kind) != is_transfer(made[0].kind):
+                self.fault(place, f"of {other.use} and {made[0].use} only one is a transfer function; sweep them in two files")
 
     # -- camera and sweep -----------------------------------------------------------------------------
 
@@ -168,7 +177,7 @@ class _Builder:
         for name, (_, _, default, use) in declared.items():
             if name not in self.pipeline.camera:
                 if default is MISSING and name not in self.pipeline.sweep:
-                    self.fault(f"camera.{name}", f"{use} needs it: give it under [camera]")
+                    self.fault(f"camera.{name}", f"{use} needs it under [camera]: {_meaning(declared[name][0])}")
                 self.camera[name] = None if default is MISSING else default
         self.camera_declared = declared
 
@@ -205,8 +214,10 @@ class _Builder:
             else:
                 if key not in self.camera_declared:
                     known = [*self.camera_declared, *(f"{s}.use" for s in entries)]
+                    if not self.whole:
+                        continue
                     if key in standard_camera.names():
-                        self.fault(place, "an axis of nothing: no stage of this pipeline depends on it")
+                        self.fault(place, "an axis of nothing: no stage of this pipeline depends on it; leave it out")
                     else:
                         self.fault(place, f"there is nothing named {key!r} to sweep{nearest(key, known)}")
                     continue
@@ -244,16 +255,26 @@ class _Builder:
                 source = entry.origin[port]
                 node = next((n for n in earlier if n.name == source), None)
                 if node is None:
-                    later = source in all_names
-                    why = "stands at or after it; a stage reads what was written before (a cycle otherwise)" if later else "is not a stage"
-                    self.fault(f"{entry.place}.from.{port}", f"{source!r} {why}{'' if later else nearest(source, all_names)}")
+                    if source not in all_names:
+                        before = [n.name for n in earlier if variable in n.writes]
+                        self.fault(f"{entry.place}.from.{port}", f"there is no stage {source!r}{nearest(source, before)}")
+                    elif all_names.index(source) >= all_names.index(entry.name):
+                        self.fault(
+                            f"{entry.place}.from.{port}",
+                            f"{source!r} stands {'later' if source != entry.name else 'here'}; a stage reads what an earlier one writes, "
+                            "so there are no cycles",
+                        )
                     continue
                 if variable not in node.writes:
-                    self.fault(f"{entry.place}.from.{port}", f"{source!r} writes {', '.join(node.writes)}, not {variable}")
+                    before = [n.name for n in earlier if variable in n.writes]
+                    hint = f"; {variable} is written by {', '.join(before)}" if before else ""
+                    self.fault(f"{entry.place}.from.{port}", f"{source!r} writes {', '.join(node.writes)}, not {variable}{hint}")
                     continue
             else:
                 node = next((n for n in reversed(earlier) if variable in n.writes), None)
                 if node is None:
+                    if not self.whole:
+                        continue
                     writers = self.writers_of(variable)
                     hint = f"; put one of these before it: {', '.join(writers)}" if writers else ""
                     self.fault(entry.place, f"{one.use} reads {variable}, but no earlier stage writes it{hint}")
@@ -286,18 +307,18 @@ class _Builder:
         use_axes: dict[str, str | None] = {}
         for entry in pipeline.stages:
             entries[entry.name], use_axes[entry.name] = self.alternatives(entry)
+            self.whole = self.whole and bool(entries[entry.name])
         self.resolve_camera(list(entries.values()))
         direct = self.resolve_axes(entries)
         nodes = self.link(entries, use_axes, direct)
         wanted = self.wanted_of(nodes)
         self.check_keep(nodes)
-        if self.faults:
-            raise RequestError(self.faults, pipeline.file)
-        nodes = _prune(nodes, wanted)
-        reached = {dim for node in nodes for dim in node.axes}
-        for axis in self.axes:
-            if axis.dim not in reached:
-                self.fault(f"sweep.{axis.key}", "an axis of nothing: no wanted variable depends on it")
+        if wanted and self.whole:
+            nodes = _prune(nodes, wanted)
+            reached = {dim for node in nodes for dim in node.axes}
+            for axis in self.axes:
+                if axis.dim not in reached:
+                    self.fault(f"sweep.{axis.key}", "an axis of nothing: no wanted variable depends on it; leave it out or want more")
         if self.faults:
             raise RequestError(self.faults, pipeline.file)
         return Graph(tuple(nodes), tuple(self.axes), self.camera, wanted, pipeline.keep, tuple(self.warnings))
@@ -355,11 +376,13 @@ class _Builder:
         stage, dot, variable = text.partition(".")
         if dot:
             node = next((n for n in nodes if n.name == stage), None)
+            if node is None and not self.whole:
+                return ()
             if node is None:
                 self.fault(place, f"there is no stage {stage!r}{nearest(stage, [n.name for n in nodes])}")
                 return ()
             if variable not in node.writes:
-                self.fault(place, f"{stage} writes {', '.join(node.writes)}, not {variable!r}{nearest(variable, node.writes)}")
+                self.fault(place, f"{stage} has no {variable!r}; it writes {', '.join(node.writes)}")
                 return ()
             return ((stage, variable),)
         for node in reversed(nodes):
@@ -368,6 +391,8 @@ class _Builder:
         for node in nodes:
             if node.name == text:  # a stage's name means all it writes
                 return tuple((text, variable) for variable in node.writes)
+        if not self.whole:
+            return ()
         known = sorted({v for n in nodes for v in n.writes} | {n.name for n in nodes})
         self.fault(place, f"no stage of this pipeline writes {text!r}{nearest(text, known)}")
         return ()
@@ -385,6 +410,18 @@ class _Builder:
     def check_keep(self, nodes: list[Node]) -> None:
         for text in self.pipeline.keep or ():
             self.find_variable(text, nodes, "keep")
+
+
+def _some(declarations: set[str]) -> str:
+    """The first of some declarations, and how many more there are."""
+    ordered = sorted(declarations)
+    more = f" and {len(ordered) - 1} more" if len(ordered) > 1 else ""
+    return f"'{ordered[0]}'{more}"
+
+
+def _meaning(parameter: Parameter) -> str:
+    """What a value that is lacking must be: meaning, unit, range."""
+    return f"{parameter.doc}{expected(parameter)}".removeprefix(", ").strip() or "it has no default"
 
 
 def _segment(node: Node, earlier: list[Node]) -> tuple[str, ...]:

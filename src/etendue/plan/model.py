@@ -111,7 +111,6 @@ class Cell:
     bound: float | None  # accumulated error of what was left out upstream; None: the claim has ended
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
-    chain: tuple[Stage, ...] = ()
 
     @property
     def ref(self) -> CellRef:

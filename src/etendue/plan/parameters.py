@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from etendue.errors import nearest
 from etendue.spec.stage import Parameter
-from etendue.spec.units import UnitError, to_unit
+from etendue.spec.units import UnitError, as_written, to_unit
+
+MOST_STEPS = 100_000
 
 
 class Unfit(ValueError):
@@ -25,33 +28,45 @@ def resolve_file(text: str, folder: Path) -> Path:
     """Absolute path of a file parameter; ``package:matplotlib/...`` names a file in an installed distribution."""
     if text.startswith("package:"):
         package, _, rest = text.removeprefix("package:").partition("/")
-        spec = importlib.util.find_spec(package) if package.isidentifier() else None
+        try:
+            spec = importlib.util.find_spec(package) if package.isidentifier() else None
+        except ValueError:  # a module that is no package, such as __main__
+            spec = None
         if spec is None or not spec.submodule_search_locations:
-            raise Unfit(f"there is no installed package {package!r}")
+            raise Unfit(f"there is no installed package {package!r}; install it, or give the path of a file")
         path = Path(next(iter(spec.submodule_search_locations))) / rest
     else:
         path = (folder / text).absolute()
-    if not path.is_file():
-        hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
-        raise Unfit(f"there is no file {text!r}{hint if 'did you' in hint else ''}")
+    try:
+        if not path.is_file():
+            hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
+            if "did you" not in hint:
+                hint = "" if text.startswith("package:") else "; relative paths start at the folder of the pipeline"
+            raise Unfit(f"there is no file {as_written(text)}{hint}")
+    except OSError as error:
+        raise Unfit(f"{as_written(text)} cannot be read: {error.strerror}") from None
     return path
 
 
+def expected(parameter: Parameter) -> str:
+    """' in um, above 0': unit and range, '' where everything is allowed."""
+    limits = replace(parameter, units="1").range_text()
+    return (f" in {parameter.units}" if parameter.units not in ("1", "") else "") + (f", {limits}" if limits else "")
+
+
 def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
-    wanted = f"a {'whole ' if whole else ''}number"
-    wanted += f" in {parameter.units}" if parameter.units not in ("1", "") else ""
-    limits = parameter.range_text()
-    wanted += f", {limits}" if limits else ""
+    wanted = f"a {'whole ' if whole else ''}number{expected(parameter)}"
+    if hasattr(value, "item"):
+        value = value.item()  # a scalar of numpy, from Python
     if isinstance(value, bool):
-        raise Unfit(f"expected {wanted}, got {value}")
+        raise Unfit(f"expected {wanted}, got {as_written(value)}")
     if isinstance(value, str) and value.strip().lower() in ("inf", "infinite") and parameter.infinite:
         return math.inf
     try:
         number = to_unit(Decimal(repr(value)) if isinstance(value, float) else value, parameter.units)
     except UnitError as error:
-        raise Unfit(f"expected {wanted}: {error}") from None
-    except (TypeError, ValueError):
-        raise Unfit(f"expected {wanted}, got {value!r}") from None
+        hint = "; several values belong under [sweep]" if isinstance(value, list | tuple | dict) else ""
+        raise Unfit(f"expected {wanted}; {error}{hint}") from None
     if not math.isfinite(number) and not (parameter.infinite and number == math.inf):
         raise Unfit(f"expected {wanted}, got {value}")
     if not parameter.allows(number):
@@ -74,20 +89,20 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
     if get_origin(kind) is tuple:
         item = get_args(kind)[0]
         if isinstance(value, str | bytes) or not isinstance(value, list | tuple):
-            raise Unfit(f"expected a list of {parameter.length or ''} values, got {value!r}".replace("  ", " "))
+            raise Unfit(f"expected a list of {parameter.length or ''} values, got {as_written(value)}".replace("  ", " "))
         if parameter.length is not None and len(value) != parameter.length:
             raise Unfit(f"expected {parameter.length} values, got {len(value)}")
         return tuple(resolve(v, parameter, item, folder) for v in value)
     if kind is bool:
         if not isinstance(value, bool):
-            raise Unfit(f"expected true or false, got {value!r}")
+            raise Unfit(f"expected true or false, got {as_written(value)}")
         return value
     if kind in (int, float):
         return _number(value, parameter, kind is int)
     if isinstance(value, int | float | Decimal) and not isinstance(value, bool) and not parameter.choices and not parameter.file:
         value = str(value)
     if not isinstance(value, str):
-        raise Unfit(f"expected text, got {value!r}")
+        raise Unfit(f"expected text, got {as_written(value)}")
     if parameter.choices and value not in parameter.choices:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
     if value and (parameter.file or (parameter.table and value.endswith(".csv"))):
@@ -101,28 +116,42 @@ def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tu
     Generated values are rounded to 12 significant digits, so that the same axis written twice is the same axis.
     """
     if isinstance(entry, dict):
-        unknown = set(entry) - {"from", "to", "steps", "spacing"}
-        if unknown or not {"from", "to", "steps"} <= set(entry):
-            raise Unfit("expected a list, or a table { from, to, steps, spacing = 'linear' | 'log' }")
-        first, last = (float(resolve(entry[k], parameter, float, folder)) for k in ("from", "to"))
-        steps, spacing = entry["steps"], entry.get("spacing", "linear")
-        if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-            raise Unfit(f"steps: expected a whole number of at least 1, got {steps!r}")
-        if spacing not in ("linear", "log"):
-            raise Unfit(f"spacing: {spacing!r} is not allowed{nearest(str(spacing), ('linear', 'log'))}")
-        if spacing == "log" and (first <= 0 or last <= 0):
-            raise Unfit("a log spacing needs both ends above 0")
-        share = [i / max(steps - 1, 1) for i in range(steps)]
-        if spacing == "log":
-            raw = [first * (last / first) ** t for t in share]
-        else:
-            raw = [first + (last - first) * t for t in share]
-        return tuple(resolve(Decimal(f"{v:.12g}"), parameter, kind, folder) for v in raw)
-    if not isinstance(entry, list | tuple):
-        raise Unfit(f"expected a list, or a table {{ from, to, steps }}, got {entry!r}")
-    if not entry:
-        raise Unfit("an axis needs at least one value")
-    values = tuple(resolve(v, parameter, kind, folder) for v in entry)
-    if len(set(values)) != len(values):
-        raise Unfit(f"a value stands twice: {list(entry)}")
+        values = tuple(resolve(v, parameter, kind, folder) for v in _spaced(entry, parameter, folder))
+        written = values
+    elif isinstance(entry, list | tuple):
+        if not entry:
+            raise Unfit("expected at least one value, got []")
+        values, written = tuple(resolve(v, parameter, kind, folder) for v in entry), tuple(entry)
+    else:
+        raise Unfit(f"expected a list, or a table {{ from, to, steps }}, got {as_written(entry)}")
+    seen: set[Any] = set()
+    for value, as_given in zip(values, written, strict=True):
+        if value in seen:
+            raise Unfit(f"expected every value once, but {as_written(as_given)} stands twice")
+        seen.add(value)
     return values
+
+
+def _spaced(entry: dict[str, Any], parameter: Parameter, folder: Path) -> list[Decimal]:
+    """The values of ``{ from, to, steps, spacing }``, to 12 significant digits."""
+    known = ("from", "to", "steps", "spacing")
+    for name in entry:
+        if name not in known:
+            raise Unfit(f"unknown key {name!r}{nearest(name, known)}")
+    lacking = [name for name in known[:3] if name not in entry]
+    if lacking:
+        raise Unfit(f"expected {{ from, to, steps, spacing = 'linear' or 'log' }}; {' and '.join(lacking)} lacking")
+    first, last = (float(resolve(entry[k], parameter, float, folder)) for k in ("from", "to"))
+    steps, spacing = entry["steps"], entry.get("spacing", "linear")
+    if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= MOST_STEPS:
+        raise Unfit(f"steps: expected a whole number from 1 to {MOST_STEPS}, got {as_written(steps)}")
+    if spacing not in ("linear", "log"):
+        raise Unfit(f"spacing: {as_written(spacing)} is not allowed{nearest(str(spacing), ('linear', 'log'))}")
+    if spacing == "log" and (first <= 0 or last <= 0):
+        raise Unfit(f"spacing 'log' needs both ends above 0, got from {first:g} to {last:g}; use 'linear'")
+    share = [i / max(steps - 1, 1) for i in range(steps)]
+    if spacing == "log":
+        raw = [first * (last / first) ** t for t in share]
+    else:
+        raw = [first + (last - first) * t for t in share]
+    return [Decimal(f"{v:.12g}") for v in raw]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from etendue.errors import RequestError
 from etendue.plan import cost, leave_out
 from etendue.plan.cells import Choice, expand
 from etendue.plan.graph import build_graph, resolve_keep
@@ -24,9 +25,12 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
     RequestError
         With every fault of the file, or every stage whose grid is impossible.
     """
-    graph = build_graph(pipeline, registry)
-    choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)
-    cells, precision = expand(graph, pipeline, choice)
+    try:
+        graph = build_graph(pipeline, registry)
+        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)
+        cells, precision = expand(graph, pipeline, choice)
+    except RequestError as error:
+        raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = resolve_keep(graph.nodes, graph.keep)
     plan = Plan(
         pipeline=pipeline,

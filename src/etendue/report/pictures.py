@@ -19,6 +19,7 @@ import numpy as np
 
 from etendue import spectra
 from etendue.physics import colour, mosaic
+from etendue.physics.charts import area_weights
 from etendue.physics.transfer import srgb_encode
 from etendue.plan.model import Cell, CellRef, Plan
 
@@ -91,19 +92,19 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                 # a value of 1 means white in these; elsewhere the brightest part of the first picture does
                 bright = 1.0 if variable in ("rgb_linear", "xyz_display", "xyz_scene") else float(np.quantile(linear.max(axis=0), 0.995)) / 0.9
                 scales[kind] = bright if bright > 0 else 1.0
-            picture = srgb_encode(np.clip(linear / scales[kind], 0, 1))
-        size = (picture.shape[-2], picture.shape[-1])
+            picture = srgb_encode(np.clip(_fitted(linear) / scales[kind], 0, 1))
+        size = (array.shape[-2], array.shape[-1])
         frames.append(Frame(cell.node, variable, _fitted(np.clip(picture, 0, 1)), size))
     return frames
 
 
 def _fitted(picture: Any) -> Any:
-    """Reduced by whole steps (means) until it fits."""
-    step = max(1, -(-max(picture.shape[-2:]) // LARGEST))
-    if step > 1:
-        y, x = (picture.shape[-2] // step) * step, (picture.shape[-1] // step) * step
-        picture = picture[:, :y, :x].reshape(3, y // step, step, x // step, step).mean(axis=(2, 4))
-    return picture
+    """Area-averaged until it fits; smaller pictures stay as they are."""
+    _, y, x = picture.shape
+    if max(y, x) <= LARGEST:
+        return picture
+    scale = LARGEST / max(y, x)
+    return area_weights(y, max(1, round(y * scale))) @ picture @ area_weights(x, max(1, round(x * scale))).T
 
 
 def frames_table(frames: list[Frame]) -> dict[str, Any]:

@@ -6,13 +6,20 @@ Results go to stdout, progress and notes to stderr. rich does the drawing; NO_CO
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable
+from inspect import cleandoc
+from shlex import quote
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
+from rich.padding import Padding
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from etendue.errors import PluginError
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Plan
 from etendue.registry import Registry
@@ -39,33 +46,82 @@ def human_seconds(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
 
 
-def _use(value: Any) -> str:
-    return ", ".join(value) if isinstance(value, list) else str(value)
+def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) -> Table:
+    """A table whose columns are (name, justify); only those in ``wrap`` are broken into lines."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for name, justify in columns:
+        table.add_column(name, justify=justify, no_wrap=name not in wrap)  # type: ignore[arg-type]
+    return table
+
+
+def short_axes(keys: Iterable[str]) -> dict[str, str]:
+    """Short names of axes: 'pitch' of 'pixel_pitch', 'demosaic' of 'demosaic.use'; the key itself where two would be equal."""
+    short = {}
+    for key in keys:
+        stage, _, parameter = key.rpartition(".")
+        name = stage if parameter == "use" else parameter
+        short[key] = name if len(name) <= 8 else name.rpartition("_")[2]
+    return {key: name if list(short.values()).count(name) == 1 else key for key, name in short.items()}
+
+
+def _product(names: Iterable[str]) -> str:
+    """'f_number*pitch*time'; with blanks, where lines may break, when it is long."""
+    names = list(names)
+    text = "*".join(names) or "-"
+    return text if len(text) <= 24 else " * ".join(names)
+
+
+def _axis(axis: dict[str, Any], short: str) -> str:
+    """'pitch = pixel_pitch: 2.8 .. 5.4 um (2)'."""
+    values = [f"{v:g}" if isinstance(v, float) else str(v) for v in axis["values"]]
+    units = f" {axis['units']}" if axis["units"] not in (None, "1") else ""
+    shown = ", ".join(values) if len(values) <= 4 else f"{values[0]} .. {values[-1]}"
+    return f"{'' if short == axis['name'] else short + ' = '}{axis['name']}: {shown}{units} ({len(values)})"
+
+
+def _uses(stages: list[dict[str, Any]]) -> list[str]:
+    """'demosaic is demosaic_bilinear' for every stage that is named otherwise than what it uses."""
+    texts = []
+    for stage in stages:
+        uses = stage["use"] if isinstance(stage["use"], list) else [stage["use"]]
+        if uses != [stage["name"]]:
+            texts.append(f"{stage['name']} is {' or '.join(dict.fromkeys(uses))}")
+    return texts
 
 
 def print_plan(document: dict[str, Any]) -> None:
     """The plan as a table, and what is left out and why."""
     console = _out()
-    table = Table(title=f"plan of {escape(document['name'])}", title_justify="left")
-    for name, justify in (("stage", "left"), ("use", "left"), ("axes", "left"), ("cells", "right"), ("left out", "right"), ("stored", "right"), ("time", "right")):
-        table.add_column(name, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    short = short_axes(axis["name"] for axis in document["axes"])
+    table = _table(
+        f"plan of {escape(document['name'])}",
+        ("stage", "left"), ("axes", "left"), ("cells", "right"), ("left out", "right"), ("stored", "right"), ("time", "right"),
+        wrap=("axes",),
+    )  # fmt: skip
     for stage in document["stages"]:
         table.add_row(
-            stage["name"], _use(stage["use"]), " x ".join(stage["axes"]) or "-", str(stage["cells"]),
+            stage["name"], _product(short[key] for key in stage["axes"]), str(stage["cells"]),
             str(stage["left_out"]["cells"]) if stage["left_out"] else "", human_bytes(stage["bytes"]), human_seconds(stage["seconds"]),
         )  # fmt: skip
     console.print(table)
+    for axis in document["axes"]:
+        console.print(f"axis      {escape(_axis(axis, short[axis['name']]))}")
+    for text in _uses(document["stages"]):
+        console.print(f"stage     {text}")
     for stage in document["stages"]:
         if stage["left_out"]:
             out = stage["left_out"]
             ends = f"; the claim ends at {out['claim_ends_at']}" if out["claim_ends_at"] else ""
-            console.print(f"left out: {stage['name']} in {out['cells']} of {out['of']} cells, wrong by at most {out['bound']:.2g}: {escape(out['why'])}{ends}")
+            wrong = "exactly" if out["bound"] == 0 else f"wrong by at most {out['bound']:.2g}"
+            console.print(f"left out  {stage['name']} in {out['cells']} of {out['of']} cells, {wrong}: {escape(out['why'])}{ends}")
     console.print(
-        f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), {human_bytes(document['bytes'])} before compression, "
-        f"about {human_seconds(document['seconds'])} of thread time, {human_bytes(document['peak_memory'])} held at most, {document['precision']}"
+        f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
+        f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread time, "
+        f"{human_bytes(document['peak_memory'])} held at most, {document['precision']}"
     )
+    notes = Console(stderr=True, highlight=False)
     for text in document["warnings"]:
-        console.print(f"note: {escape(text)}")
+        notes.print(f"note: {escape(text)}")
 
 
 class TerminalProgress:
@@ -124,9 +180,11 @@ def print_outcome(outcome: Any) -> None:
     """The table stage | cells | time | share, what was left out or failed, headline figures, where everything is."""
     console = _out()
     rows = stage_rows(outcome.plan, outcome.reports)
-    table = Table(title=f"{escape(outcome.plan.pipeline.name)}: {outcome.computed} cells computed, {len(outcome.reused)} reused", title_justify="left")
-    for name, justify in (("stage", "left"), ("cells", "right"), ("time", "right"), ("share", "right"), ("error", "right"), ("known by", "left"), ("left out", "right")):
-        table.add_column(name, justify=justify)  # type: ignore[arg-type]
+    table = _table(
+        f"{escape(outcome.plan.pipeline.name)}: {outcome.computed} cells computed, {len(outcome.reused)} reused",
+        ("stage", "left"), ("cells", "right"), ("time", "right"), ("share", "right"), ("error", "right"), ("known by", "left"),
+        ("left out", "right"),
+    )  # fmt: skip
     for row in rows:
         table.add_row(
             row["name"], str(row["cells"]), human_seconds(row["seconds"]) if row["computed"] else "reused", f"{100 * row['share']:.0f} %",
@@ -145,7 +203,9 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
     for report in outcome.failed[:5]:
         labels = outcome.plan.labels((report.stage, report.index))
-        flags = " ".join(f"--set {outcome.plan.axis(d).key if '.' in outcome.plan.axis(d).key else 'camera.' + outcome.plan.axis(d).key}={v}" for d, v in labels.items())
+        keys = {dim: outcome.plan.axis(dim).key for dim in labels}
+        settings = {k if "." in k else f"camera.{k}": labels[dim] for dim, k in keys.items()}
+        flags = " ".join(f"--set {quote(f'{k}={v}')}" for k, v in settings.items())
         console.print(f"failed: {report.stage} {escape(str(labels))}: {escape(report.message)}")
         console.print(f"  again, alone: etendue run {outcome.plan.pipeline.file} {flags} --want {report.stage} --archive again")
     if len(outcome.failed) > 5:
@@ -161,11 +221,12 @@ def print_outcome(outcome: Any) -> None:
 
 def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     """One stage as JSON; a broken plugin says why it is broken."""
-    from etendue.errors import PluginError
-
     installed = registry.installed(name)
+    clash = registry.clash(name)
     document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
+        if clash:
+            raise PluginError(f"offered by {' and '.join(clash)}; uninstall one of them")
         kind = registry.load(name)
     except PluginError as error:
         return {**document, "reads": {}, "writes": {}, "parameters": {}, "doc": "", "broken": str(error)}
@@ -189,50 +250,62 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
 
 
 def print_stages(documents: list[dict[str, Any]]) -> None:
+    """A table for every distribution, and what is broken."""
     console = _out()
-    table = Table()
-    for name in ("stage", "reads", "writes", "from"):
-        table.add_column(name, overflow="fold")
+    for origin in dict.fromkeys(f"{d['distribution']} {d['version']}" for d in documents):
+        own = [d for d in documents if f"{d['distribution']} {d['version']}" == origin]
+        table = _table(f"from {escape(origin)}", ("stage", "left"), ("reads", "left"), ("writes", "left"), wrap=("reads", "writes"))
+        for d in own:
+            table.add_row(d["name"], ", ".join(d["reads"]) or "-", "broken, see below" if "broken" in d else ", ".join(d["writes"]))
+        console.print(table)
     for d in documents:
-        table.add_row(d["name"], ", ".join(d["reads"]), d.get("broken") or ", ".join(d["writes"]), f"{d['distribution']} {d['version']}")
-    console.print(table)
+        if "broken" in d:
+            console.print(f"broken: {d['name']}: {escape(d['broken'])}")
+    console.print("one of them in full: etendue stages NAME")
 
 
 def print_stage(document: dict[str, Any]) -> None:
+    """One stage in full: what it is, reads, writes, and a paragraph for every parameter."""
     console = _out()
-    console.print(f"{document['name']}  ({document['distribution']} {document['version']})")
+    console.print(f"{document['name']}, from {escape(document['distribution'])} {document['version']}")
     if "broken" in document:
-        console.print(escape(document["broken"]))
+        console.print(f"broken: {escape(document['broken'])}")
         return
-    console.print(escape(document["doc"]))
+    console.print(escape(re.sub(r"(?<!\n)\n(?!\n)", " ", cleandoc(document["doc"]))))  # a line for each paragraph
     for what in ("reads", "writes"):
         for declaration in document[what].values():
             console.print(f"{what:7s} {escape(declaration)}")
-    table = Table()
-    for name in ("parameter", "default", "units", "allowed", "meaning"):
-        table.add_column(name, overflow="fold")
     for key, p in document["parameters"].items():
-        allowed = ", ".join(p["choices"]) if p["choices"] else p["range"]
-        notes = p["doc"] + (" (camera)" if p["camera"] else "") + (f" (fidelity; reference: {p['fidelity']})" if p["fidelity"] else "")
-        table.add_row(key, "required" if p["required"] else str(p["default"]), p["units"], allowed, escape(notes))
-    console.print(table)
+        units = f" {p['units']}" if p["units"] not in ("1", "") else ""
+        value = f" in{units}" if units else ""
+        if not p["required"]:
+            value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
+        allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
+        notes = [text for text in ("required" if p["required"] else "", "under [camera]" if p["camera"] else "", allowed) if text]
+        console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
+        for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}" if p["fidelity"] else ""):
+            if text:
+                console.print(Padding(escape(text), (0, 0, 0, 4)))
 
 
 def print_archive(document: dict[str, Any]) -> None:
     console = _out()
-    state = "a run is going on" if document["running"] else f"{document['runs']} runs, the last began {document['began']}"
+    runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
+    state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
     console.print(f"{document['archive']}: pipeline {document['pipeline']}, {human_bytes(document['bytes'])}, {state}")
     for axis, values in document["axes"].items():
         shown = ", ".join(map(str, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
         console.print(f"axis {axis}: {shown}")
-    table = Table()
-    for name in ("stage", "cells", "group", "variable", "dims"):
-        table.add_column(name, overflow="fold")
+    axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
     for stage in document["stages"]:
-        cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items())
-        rows = stage["variables"] or [{"group": "", "variable": "(not kept)", "dims": {}, "units": ""}]
-        for i, v in enumerate(rows):
-            dims = " ".join(f"{d} {n}" for d, n in v["dims"].items())
-            table.add_row(stage["name"] if not i else "", cells if not i else "", v["group"], f"{v['variable']} {escape('[' + v['units'] + ']') if v['units'] else ''}", dims)
-    console.print(table)
+        cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
+        groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
+        for group in groups:
+            own = [v for v in stage["variables"] if v["group"] == group]
+            reach = [axes[d] for d in own[0]["dims"] if d in axes] if own else []
+            console.print(f"{group:28s} {cells:20s} {_product(reach)}")
+            for v in own:
+                inner = " ".join(f"{d}={n}" for d, n in v["dims"].items() if d not in axes)
+                unit = f"[{v['units']}]" if v["units"] not in ("", "1") else ""
+                console.print(escape(f"    {v['variable']:24s} {inner:27s} {unit}").rstrip())
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)

@@ -1,8 +1,8 @@
 """Batches: a partition of the jobs into tasks of useful size, without circles.
 
 Each job is in exactly one batch. A job joins the batch of its newest input while that batch is small, else a new
-batch behind it together with its siblings. Levels rise strictly along every dependency between batches, so that
-diamonds cannot close a circle.
+batch behind it together with its siblings; jobs whose newest inputs stand in several batches share one behind them.
+Levels rise strictly along every dependency between batches, so that diamonds cannot close a circle.
 """
 
 from __future__ import annotations
@@ -35,34 +35,20 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
     """Group jobs; every batch only needs batches of a lower level."""
     batches: list[Batch] = []
     home: dict[CellRef, int] = {}
-    overflow: dict[int, int] = {}  # the open batch behind a batch
-    sources: int | None = None
+    behind: dict[tuple[int, ...], int] = {}  # the open batch behind the batches that hold the newest inputs
     for ref, job in jobs.items():
-        needed = sorted({home[r] for r in job.needs})
+        needed = {home[r] for r in job.needs}
         level = max((batches[b].level for b in needed), default=-1)
-        newest = [b for b in needed if batches[b].level == level]
+        newest = tuple(sorted(b for b in needed if batches[b].level == level))
         chosen = None
-        if not needed:
-            if sources is not None and batches[sources].seconds + job.seconds <= target_seconds:
-                chosen = sources
-        elif len(newest) == 1:
-            one = newest[0]
-            while chosen is None:
-                if batches[one].seconds + job.seconds <= target_seconds:
-                    chosen = one
-                elif one in overflow:
-                    one = overflow[one]
-                else:
-                    break
-            if chosen is None:
-                chosen = len(batches)
-                batches.append(Batch(chosen, batches[one].level + 1))
-                overflow[one] = chosen
+        for candidate in (*(newest if len(newest) == 1 else ()), behind.get(newest)):
+            if candidate is not None and batches[candidate].seconds + job.seconds <= target_seconds:
+                chosen = candidate
+                break
         if chosen is None:
             chosen = len(batches)
             batches.append(Batch(chosen, level + 1))
-            if not needed:
-                sources = chosen
+            behind[newest] = chosen
         batch = batches[chosen]
         batch.jobs.append(job)
         batch.seconds += job.seconds
@@ -93,7 +79,7 @@ def run_batch(
     """Run the jobs of one batch, dropping each array after its last reader."""
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):
-        results.update({ref: source.results[ref] for ref in refs})
+        results.update({ref: source.results[ref].read_only() for ref in refs})
     readers: dict[CellRef, int] = {}
     for job in jobs:
         for ref in job.needs:

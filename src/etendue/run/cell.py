@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.errors import EtendueError, PluginError
+from etendue.errors import ArchiveInUse, EtendueError, PluginError
 from etendue.physics import sampling
 from etendue.physics.noise import philox, sensor_normal
 from etendue.plan.model import CellRef
@@ -30,12 +30,23 @@ LARGEST_CACHE = 256 << 20
 
 @dataclass
 class Result:
-    """What later cells read: arrays, their smallest values, and the spectrum inside a segment."""
+    """What later cells read: arrays, their smallest values, and the spectrum inside a segment.
+
+    ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by bit.
+    """
 
     arrays: dict[str, Any] = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
     spectrum: Any = None
+    untouched: Any = None
     failed: str = ""
+
+    def read_only(self) -> Result:
+        """Forbid writing into the arrays: a trip to another process forgets it."""
+        for array in (*self.arrays.values(), self.spectrum, self.untouched):
+            if array is not None:
+                array.flags.writeable = False
+        return self
 
 
 class _Cache:
@@ -58,7 +69,7 @@ class _Cache:
                 if key in self.entries:
                     return self.entries[key][0]
             value = make()
-            size = int(getattr(value, "nbytes", 4096))
+            size = _size(value)
             with self.lock:
                 self.entries[key] = (value, size)
                 self.held += size
@@ -67,6 +78,15 @@ class _Cache:
                     self.held -= dropped
                 self.making.pop(key, None)
         return value
+
+
+def _size(value: Any) -> int:
+    """Bytes of the arrays in a value, containers looked into."""
+    if isinstance(value, Mapping):
+        value = tuple(value.values())
+    if isinstance(value, tuple | list):
+        return 256 + sum(_size(v) for v in value)
+    return int(getattr(value, "nbytes", 256))
 
 
 _tables = _Cache(LARGEST_CACHE)
@@ -88,6 +108,8 @@ def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any
                 found[f"{prefix}{dim}_um"] = start + step * np.arange(coordinate.size)
             else:
                 found[f"{prefix}{dim}"] = np.array(coordinate.values())
+    for array in found.values():
+        array.flags.writeable = False
     return found
 
 
@@ -147,7 +169,11 @@ def _transfer(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict
     port, ref, variable = job.inputs[0]
     grid = job.input_grids[port]
     y, x = grid.line("y"), grid.line("x")
-    spectrum = results[ref].spectrum if job.previous is not None else sampling.spectrum(results[ref].arrays[variable])
+    if job.previous is not None:
+        spectrum, untouched = results[ref].spectrum, results[ref].untouched
+    else:
+        untouched = results[ref].arrays[variable]
+        spectrum = sampling.spectrum(untouched)
     (name,) = job.writes
     if hasattr(job.stage, "weights"):
         prepared = prepared_of(job.stage, job.input_grids, job.grids)
@@ -164,14 +190,11 @@ def _transfer(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict
             where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
         return Result(), {name: sampling.sample(channels, y.size, x.size, where[0], where[1])}
     if not job.left_out:
-        spectrum = spectrum * _grid_transfer(job)
+        spectrum, untouched = spectrum * _grid_transfer(job), None
     arrays = {}
     if job.store or job.deliver:
-        if job.left_out and job.previous is None:
-            arrays = {name: results[ref].arrays[variable]}
-        else:
-            arrays = {name: sampling.planes_of(spectrum, y.size, x.size)}
-    return Result(spectrum=spectrum if job.spectrum else None), arrays
+        arrays = {name: sampling.planes_of(spectrum, y.size, x.size) if untouched is None else untouched}
+    return (Result(spectrum=spectrum, untouched=untouched) if job.spectrum else Result()), arrays
 
 
 # -- ordinary stages and probes ---------------------------------------------------------------------------
@@ -209,6 +232,11 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
     policy = job.stage.negative
     for port, ref, variable in job.inputs:
         array = results[ref].arrays[variable]
+        if job.stage.nan != "keep" and array.dtype.kind == "f" and not np.isfinite(results[ref].lowest.get(variable, 0.0)):
+            raise PluginError(
+                f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
+                "look for the stage that made them, or use one that declares nan = 'keep'"
+            )
         if policy != "keep" and array.dtype.kind == "f" and results[ref].lowest.get(variable, 0.0) < 0:
             if policy == "error":
                 raise PluginError(
@@ -278,14 +306,20 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
     return checked
 
 
+def smallest(array: Any) -> float:
+    """Smallest value of an array; NaN if any of its values is NaN or infinite."""
+    low, high = float(array.min()), float(array.max())
+    return low if np.isfinite(low) and np.isfinite(high) else float("nan")
+
+
 def _lowest(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
     """Smallest value of each float array; refuses NaN and infinities that were not declared."""
     found = {}
     for variable, array in arrays.items():
         if array.dtype.kind != "f" or array.size == 0:
             continue
-        low, high = float(array.min()), float(array.max())
-        if not job.writes[variable].nan and not (np.isfinite(low) and np.isfinite(high)):
+        low = smallest(array)
+        if not job.writes[variable].nan and not np.isfinite(low):
             bad = int(array.size - np.isfinite(array).sum())
             raise PluginError(
                 f"{type(job.stage).__name__} wrote {bad} of {array.size} values of {variable} that are NaN or infinite; likely causes: "
@@ -305,7 +339,8 @@ def compute(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellRe
     try:
         if job.task == "load":
             result, arrays = _load(job, results)
-            return Result(arrays, _lowest(job, arrays), result.spectrum), CellReport(*job.ref, "loaded")
+            result.arrays, result.lowest = arrays, _lowest(job, arrays)
+            return result, CellReport(*job.ref, "loaded")
         if hasattr(job.stage, "transfer"):
             result, arrays = _transfer(job, results)
         elif job.left_out:
@@ -322,8 +357,8 @@ def compute(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, CellRe
         share, flux = clipped[0] if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
         return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux)
-    except OSError:
-        raise  # the machine's fault, not the stage's: ends the run
+    except (OSError, ArchiveInUse):
+        raise  # the machine's fault, or another run owns the archive now: not the stage's, ends the run
     except Exception as error:
         text = str(error) if isinstance(error, EtendueError) else "".join(traceback.format_exception(error, limit=-3)).strip()
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", time.thread_time() - began, message=text)

@@ -5,7 +5,12 @@ The only importer of dask. A raw graph costs 84 us a task where ``dask.delayed``
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -37,6 +42,20 @@ def one_thread_inside() -> None:
 _limits: Any = None
 
 
+def begin_worker() -> None:
+    """In a new worker process: Ctrl-C is the owner's to answer, and a worker whose owner was killed ends by itself."""
+    one_thread_inside()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    owner = multiprocessing.parent_process()
+    if owner is not None:
+        threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
+
+
+def _end_with(owner: Any) -> None:
+    owner.join()
+    os._exit(1)
+
+
 def _report(result: BatchResult) -> tuple[Any, Any]:
     return result.reports, result.kept
 
@@ -56,7 +75,7 @@ def run_parallel(
     numbers = {f"batch-{batch.number}": batch for batch in batches}
     ends = [key for key, batch in numbers.items() if not batch.exports]
     if scheduler.startswith("tcp://") or scheduler.startswith("tls://"):
-        _on_cluster(graph, numbers, before, after, scheduler)
+        _on_cluster(numbers, deliver, before, after, scheduler)
         return
     import dask
     from dask.callbacks import Callback
@@ -73,30 +92,43 @@ def run_parallel(
         if scheduler == "processes":
             import dask.multiprocessing
 
-            with dask.config.set({"multiprocessing.context": "spawn", "multiprocessing.initializer": one_thread_inside}):
+            with dask.config.set({"multiprocessing.context": "spawn", "multiprocessing.initializer": begin_worker}):
                 dask.multiprocessing.get(graph, ends, num_workers=workers, chunksize=1, optimize_graph=False)
         else:
             import dask.threaded
 
-            dask.threaded.get(graph, ends, num_workers=workers)
+            # A pool of our own: an interrupted run waits for the batches under way before the archive is let go.
+            with ThreadPoolExecutor(workers) as pool:
+                dask.threaded.get(graph, ends, pool=pool)
 
 
-def _on_cluster(graph: dict[str, Any], numbers: dict[str, Batch], before: Any, after: Any, address: str) -> None:
+def _on_cluster(numbers: dict[str, Batch], deliver: frozenset[CellRef], before: Any, after: Any, address: str) -> None:
     try:
         from distributed import Client, as_completed
     except ImportError:
         raise RequestError(f"--scheduler {address} needs the package distributed: pip install 'etendue[distributed]'") from None
     with Client(address, timeout="10s") as client:
-        futures: dict[str, Any] = {}
-        for key, batch in numbers.items():
+        client.run(one_thread_inside)
+        readers: dict[int, int] = {}
+        for batch in numbers.values():
+            for n in batch.imports:
+                readers[n] = readers.get(n, 0) + 1
+        futures: dict[int, Any] = {}
+        for batch in numbers.values():
             before(batch)
             inputs = sorted(batch.imports)
-            futures[key] = client.submit(
+            futures[batch.number] = client.submit(
                 run_batch, tuple(batch.jobs), tuple(batch.exports), tuple(tuple(batch.imports[n]) for n in inputs),
-                frozenset(), *(futures[f"batch-{n}"] for n in inputs), pure=False, key=None,
+                deliver, *(futures[n] for n in inputs), pure=False, key=None,
             )  # fmt: skip
-        by_key = {future.key: key for key, future in futures.items()}
+        by_key = {future.key: number for number, future in futures.items()}
         for future in as_completed(list(futures.values())):
-            key = by_key[future.key]
+            batch = numbers[f"batch-{by_key[future.key]}"]
             reports, kept = client.submit(_report, future, pure=False).result()
-            after(numbers[key], BatchResult({}, reports, kept))
+            after(batch, BatchResult({}, reports, kept))
+            for n in batch.imports:  # let go of what nobody reads any more
+                readers[n] -= 1
+                if not readers[n]:
+                    del futures[n]
+            if not readers.get(batch.number):
+                del futures[batch.number]

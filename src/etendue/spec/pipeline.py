@@ -6,15 +6,17 @@ Out: a ``Pipeline`` whose entries still hold values as written; ``plan.graph`` r
 
 from __future__ import annotations
 
-import math
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from etendue.errors import Fault, RequestError, nearest
+from etendue.spec import camera
+from etendue.spec.units import as_written
 
 TOP = ("name", "seed", "tolerance", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description")
 LARGEST_FILE = 1 << 20
@@ -49,11 +51,22 @@ class Pipeline:
     file: str = ""
     folder: Path = Path(".")
     text: str = ""
+    faults: tuple[Fault, ...] = ()  # of form; the planner reports them with its own
+    whole: bool = True  # whether every stage table could be read
+    lines: Mapping[str, int] = field(default_factory=dict)  # of tables and keys in the file
 
+    def located(self, faults: Iterable[Fault]) -> list[Fault]:
+        """The same faults with their lines in the file, in the order in which they stand there."""
+        found = [fault if fault.line else replace(fault, line=self._line(fault.place)) for fault in faults]
+        return sorted(dict.fromkeys(found), key=lambda fault: fault.line or 0)
 
-def _finite(value: Any, place: str, faults: list[Fault]) -> None:
-    if isinstance(value, float | Decimal) and not math.isfinite(float(value)):
-        faults.append(Fault(place, f"{value} is not a finite number"))
+    def _line(self, place: str) -> int | None:
+        stage = re.match(r"(stages\[\d+\])(?: [\w\-]+)?(?:\.([\w\-]+))?", place)
+        if stage:
+            return self.lines.get(f"{stage[1]}.{stage[2]}", self.lines.get(stage[1], 0)) or None
+        while place and place not in self.lines:
+            place = place.rpartition(".")[0]
+        return self.lines.get(place, 0) or None
 
 
 def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pipeline:
@@ -62,13 +75,13 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
     Raises
     ------
     RequestError
-        The file is missing, too large, not TOML, or of the wrong form; all faults of form at once.
+        The file is missing, too large or not TOML. Faults of form are kept in the pipeline for ``make_plan`` to raise.
     """
     name = str(path)
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except IsADirectoryError:
         raise RequestError("is a directory; name the pipeline file in it", name) from None
     except FileNotFoundError:
@@ -81,52 +94,117 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
 
 
 def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None) -> Pipeline:
-    """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths."""
+    """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths.
+
+    Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
+    together with all others.
+    """
     try:
         document = tomllib.loads(text, parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
-        raise RequestError(f"not valid TOML: {error}", file) from None
     except RecursionError:
         raise RequestError("not valid TOML: nested too deeply", file) from None
-    apply_overrides(document, overrides or {}, file)
-    return replace(from_document(document, file), folder=folder, text=text)
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
+        raise RequestError([_not_toml(text, str(error))], file) from None
+    lines = _lines(text)
+    for place in apply_overrides(document, overrides or {}, file):
+        lines[place] = 0  # no longer what stands in the file
+    return replace(from_document(document, file), folder=folder, text=text, lines=lines)
 
 
-def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> None:
-    """Put ``camera.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document."""
-    faults = []
+def _not_toml(text: str, message: str) -> Fault:
+    """What TOML's own message leaves out: the line, and the two usual reasons."""
+    match = re.search(r" \(at line (\d+), column \d+\)$", message)
+    if not match:
+        return Fault("", f"not valid TOML: {message}")
+    number = int(match[1])
+    line = text.splitlines()[number - 1].strip()[:80] if number <= len(text.splitlines()) else ""
+    reason = message[: match.start()]
+    hint = ""
+    if "overwrite" in reason or "twice" in reason:
+        hint = "; a key or a table stands twice"
+    elif "newline" in reason or "Invalid value" in reason:
+        hint = "; text, and a number with a unit, stands in quotes: \"5.4 um\""
+    return Fault("", f"not valid TOML: {reason}, at: {line}{hint}", number)
+
+
+_HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.\-]+)\s*\]\]?\s*(?:#.*)?$")
+_KEY = re.compile(r"""^\s*([\w\-]+(?:\s*\.\s*[\w\-]+)*|"[^"]*"|'[^']*')\s*=""")
+
+
+def _lines(text: str) -> dict[str, int]:
+    """Line numbers of tables and keys: ``stages[3]``, ``stages[3].strength``, ``camera.f_number``, ``seed``."""
+    found: dict[str, int] = {}
+    table, stages, inside = "", 0, ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if inside:  # a text of several lines
+            inside = "" if line.count(inside) % 2 else inside
+            continue
+        header, key = _HEADER.match(line), _KEY.match(line)
+        if header:
+            table = header[2]
+            if (header[1], table) == ("[[", "stages"):
+                stages += 1
+                table = f"stages[{stages}]"
+            elif table.startswith("stages."):
+                table = f"stages[{stages}]{table.removeprefix('stages')}"
+            found.setdefault(table, number)
+        elif key:
+            name = re.sub(r"\s", "", key[1]) if key[1][0] not in "\"'" else key[1][1:-1]
+            found.setdefault(f"{table}.{name}" if table else name, number)
+        inside = next((mark for mark in ('"""', "'''") if line.count(mark) % 2), "")
+    return found
+
+
+def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
+    """Put ``camera.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
+
+    Returns the places that now hold something else than the file.
+    """
+    faults, places = [], []
+    if isinstance(document.get("sweep"), dict):
+        document["sweep"] = _flat(document["sweep"])
     for key, value in overrides.items():
         head, _, tail = key.partition(".")
         stages = document.get("stages")
-        named = {str(s.get("name", s.get("use"))): s for s in stages if isinstance(s, dict)} if isinstance(stages, list) else {}
+        entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []
+        named = {str(s.get("name", s.get("use"))): (n, s) for n, s in entries}
         if head in ("camera", "sweep") and tail:
-            document.setdefault(head, {})[tail] = value
+            if not isinstance(document.setdefault(head, {}), dict):
+                continue  # a fault of form, found later
+            document[head][tail] = value
+            places.append(key)
             if head == "camera" and isinstance(document.get("sweep"), dict):
                 document["sweep"].pop(tail, None)
         elif tail and head in named:
-            named[head][tail] = value
+            number, table = named[head]
+            table[tail] = value
+            places.append(f"stages[{number}].{tail}")
             if isinstance(document.get("sweep"), dict):
                 document["sweep"].pop(key, None)
         elif not tail and head in TOP:
             document[head] = value
+            places.append(key)
         else:
             valid = [*named, "camera", "sweep"] if tail else [*TOP]
-            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{nearest(head, valid)}"))
+            hint = f"; a camera quantity is camera.{head}" if not tail and head in camera.names() else nearest(head, valid)
+            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
     if faults:
         raise RequestError(faults, file)
+    return places
 
 
 def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
-    """Check the form of a document; raises ``RequestError`` with every fault of form."""
+    """A pipeline from a document; what is wrong with its form stands in ``faults``."""
     faults: list[Fault] = []
     for key in document:
         if key not in TOP:
-            faults.append(Fault(key, f"unknown key{nearest(key, TOP)}"))
+            hint = f"; {key} is a camera quantity: set it under [camera]" if key in camera.names() else nearest(key, TOP)
+            faults.append(Fault(key, f"unknown key{hint}"))
 
     def text_of(key: str, default: str) -> str:
         value = document.get(key, default)
         if not isinstance(value, str) or (key == "name" and (not value or "/" in value or value.startswith("."))):
-            faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {value!r}"))
+            faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}"))
             return default
         return value
 
@@ -137,17 +215,17 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         if isinstance(value, str):
             value = [value]
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            faults.append(Fault(key, f"expected a list of variables, got {value!r}"))
+            faults.append(Fault(key, f"expected a list of variables, got {as_written(value)}"))
             return None
         return tuple(value)
 
     seed = document.get("seed", 0)
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        faults.append(Fault("seed", f"expected a whole number of at least 0, got {seed!r}"))
+        faults.append(Fault("seed", f"expected a whole number of at least 0, got {as_written(seed)}"))
         seed = 0
     tolerance = document.get("tolerance", 1e-4)
-    if isinstance(tolerance, bool | str) or not 0 <= float(tolerance) < 1:
-        faults.append(Fault("tolerance", f"expected a number of at least 0 and below 1, got {tolerance!r}"))
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | Decimal) or not 0 <= float(tolerance) < 1:
+        faults.append(Fault("tolerance", f"expected a number of at least 0 and below 1, got {as_written(tolerance)}"))
         tolerance = 1e-4
     precision = text_of("precision", "auto")
     if precision not in ("auto", "float32", "float64"):
@@ -156,14 +234,14 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     for key in ("camera", "sweep"):
         table = document.get(key, {})
         if not isinstance(table, dict):
-            faults.append(Fault(key, f"expected a table, got {table!r}"))
+            faults.append(Fault(key, f"expected a table, got {as_written(table)}"))
             table = {}
         tables[key] = table
-        for name, value in table.items():
-            _finite(value, f"{key}.{name}", faults)
-    pipeline = Pipeline(
+    tables["sweep"] = _flat(tables["sweep"])
+    stages, whole = _stages(document.get("stages"), faults)
+    return Pipeline(
         name=text_of("name", Path(file).stem or "pipeline"),
-        stages=_stages(document.get("stages"), faults),
+        stages=stages,
         camera=tables["camera"],
         sweep=tables["sweep"],
         wanted=names_of("wanted"),
@@ -174,40 +252,53 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         variant=text_of("variant", ""),
         description=text_of("description", ""),
         file=file,
+        faults=tuple(faults),
+        whole=whole,
     )
-    if faults:
-        raise RequestError(faults, file)
-    return pipeline
 
 
-def _stages(value: Any, faults: list[Fault]) -> tuple[StageEntry, ...]:
+def _flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
+    """``demosaic.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
+    flat: dict[str, Any] = {}
+    for key, value in sweep.items():
+        if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
+            flat.update({f"{key}.{name}": one for name, one in value.items()})
+        else:
+            flat[key] = value
+    return flat
+
+
+def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:
+    """The stages that can be read, and whether that is all of them."""
     if not isinstance(value, list) or not value:
         faults.append(Fault("stages", "expected at least one [[stages]] table with a key 'use'"))
-        return ()
-    entries, seen = [], dict[str, str]()
+        return (), False
+    entries, seen, whole = [], dict[str, str](), True
     for number, table in enumerate(value, 1):
         place = f"stages[{number}]"
+        use = table.get("use") if isinstance(table, dict) else None
         if not isinstance(table, dict):
-            faults.append(Fault(place, f"expected a table, got {table!r}"))
-            continue
-        use = table.get("use")
+            faults.append(Fault(place, f"expected a table, got {as_written(table)}"))
+        elif not isinstance(use, str):
+            got = f", got {as_written(use)}" if use is not None else ""
+            faults.append(Fault(place, f"needs a key 'use' with the name of a stage{got}; see: etendue stages"))
         if not isinstance(use, str):
-            faults.append(Fault(place, "needs a key 'use' with the name of a stage"))
+            whole = False
             continue
         name = table.get("name", use)
         if not isinstance(name, str) or not name.replace("_", "a").replace("-", "a").isalnum():
-            faults.append(Fault(f"{place}.name", f"expected letters, digits and _, got {name!r}"))
+            faults.append(Fault(f"{place}.name", f"expected letters, digits and _, got {as_written(name)}"))
+            whole = False
             continue
         place = f"{place} {name}"
         if name in seen:
-            faults.append(Fault(place, f"two stages are named {name!r}: this and {seen[name]}; give one another 'name'"))
-        seen.setdefault(name, place)
+            faults.append(Fault(place, f"two stages are named {name!r}, this and {seen[name]}; give one of them another 'name'"))
+            continue
+        seen[name] = place.partition(" ")[0]
         origin = table.get("from", {})
         if not isinstance(origin, dict) or not all(isinstance(v, str) for v in origin.values()):
             faults.append(Fault(f"{place}.from", "expected a table of ports and stages, such as { irradiance = \"falloff\" }"))
             origin = {}
         values = {key: v for key, v in table.items() if key not in ("use", "name", "from")}
-        for key, v in values.items():
-            _finite(v, f"{place}.{key}", faults)
         entries.append(StageEntry(name, use, values, origin, place))
-    return tuple(entries)
+    return tuple(entries), whole

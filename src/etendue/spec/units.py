@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
+from typing import Any
 
 # symbol -> (factor, base dimension symbols with exponents)
 _PREFIX = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "k": 3}  # micro sign and Greek mu
@@ -29,6 +30,21 @@ _PLAIN = {
 }
 _TOKEN = re.compile(r"(?P<symbol>1|%|[A-Za-zµμ]+)(?:\^?(?P<power>[-+]?\d+))?$")
 _NUMBER = re.compile(r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*?)\s*$")
+
+
+def as_written(value: Any) -> str:
+    """A value for a message: as it stands in the file, shortened."""
+    if isinstance(value, dict):
+        text = "{ " + ", ".join(f"{k} = {as_written(v)}" for k, v in value.items()) + " }"
+    elif isinstance(value, list | tuple):
+        text = "[" + ", ".join(as_written(v) for v in value) + "]"
+    elif isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, str):
+        text = repr(value)
+    else:
+        text = str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 class UnitError(ValueError):
@@ -78,19 +94,19 @@ def to_unit(value: Decimal | int | str, unit: str) -> float:
         if isinstance(value, str):
             match = _NUMBER.match(value)
             if not match:
-                raise UnitError(f"{value!r} is not a number with a unit")
+                raise UnitError(f"{as_written(value)} is not a number with a unit")
             number = Decimal(match["number"])
             if match["unit"]:
                 factor, dims = parse_unit(match["unit"])
                 own_factor, own_dims = parse_unit(unit)
                 if dims != own_dims:
-                    raise UnitError(f"{value!r} is in {match['unit']}, which is not compatible with {unit}")
+                    raise UnitError(f"{as_written(value)} is in {match['unit']}, which is not compatible with {unit}")
                 number = number * factor / own_factor
         elif isinstance(value, Decimal | int) and not isinstance(value, bool):
             number = Decimal(value)
         else:
-            raise UnitError(f"{value!r} is not a number")
+            raise UnitError(f"{as_written(value)} is not a number")
     except ArithmeticError as error:  # an exponent that no decimal holds
-        raise UnitError(f"{value!r} is not a number") from error
+        raise UnitError(f"{as_written(value)} is not a number") from error
     result = float(number)
     return result + 0.0  # -0 is 0

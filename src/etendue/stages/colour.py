@@ -84,7 +84,7 @@ class ColourFit(Stage):
         "colour_matrix": "component channel [1]",
         "white_xyz": "component [1]",
         "fit_residual": "[1]",
-        "fit_condition": "[1]",
+        "fit_condition": "[1] nan",  # no number where the white is a single colour
     }
     creates: ClassVar = {"channel": RGB, "component": XYZ}
     nanoseconds: ClassVar = 1000.0
@@ -113,6 +113,8 @@ class ColourFit(Stage):
         samples = (reflectance * light) @ response.T / camera_white
         scene = np.asarray(white_radiance, dtype=float) * width
         white = cmf.T @ scene
+        if not white[1] > 0:
+            raise ValueError(f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths")
         targets = (reflectance * scene) @ cmf / white[1]
         fit = colour.fit_matrix(samples, targets, white_sample=np.ones(3), white_target=white / white[1])
         return {

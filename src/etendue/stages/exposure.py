@@ -99,7 +99,7 @@ class FullWell(Stage):
 
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
-    gain: ClassVar = 1.0
+    gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
 
@@ -122,8 +122,12 @@ class FullWell(Stage):
         return sigma * math.exp(-0.5 * away**2) / self.capacity(), "the light stays below the full well"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        high = facts["charge"].high
-        return Facts(low=facts["charge"].low, high=self.capacity() if high is None else min(high, self.capacity()))
+        known, capacity = facts["charge"], self.capacity()
+        return Facts(
+            uniform=known.uniform,
+            low=None if known.low is None else min(known.low, capacity),
+            high=capacity if known.high is None else min(known.high, capacity),
+        )
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (6e-8 if precision == "float32" else 1e-16), "proved"
@@ -172,7 +176,7 @@ class Adc(Stage):
 
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"raw": "y x [DN] uint16"}
-    gain: ClassVar = 1.0
+    gain: ClassVar = None  # it clips, and rounds to whole codes
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
 
@@ -210,7 +214,7 @@ class Linearise(Stage):
 
     reads: ClassVar = {"raw": "y x [DN] uint16"}
     writes: ClassVar = {"mosaic_linear": "y x [1]"}
-    gain: ClassVar = 1.0
+    gain: ClassVar = None  # the black level is a part of full scale that disappears
     nanoseconds: ClassVar = 2.0
 
     black_level: float = quantity("black_level")
@@ -256,7 +260,7 @@ class PaperExposure(Stage):
 
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-    gain: ClassVar = 1.0
+    gain: ClassVar = None  # it jumps at the smallest detectable charge, and clips
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
 

@@ -24,7 +24,7 @@ class Diffusion(Stage):
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    gain: ClassVar = 1.0
+    gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 60.0
 
@@ -53,7 +53,8 @@ class Diffusion(Stage):
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        return facts["irradiance"]
+        """As for every blur: only a uniform plane is sure to stay in its range."""
+        return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 2e-14), "measured"
@@ -70,7 +71,7 @@ class Pixel(Stage):
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
-    gain: ClassVar = 1.0
+    gain: ClassVar = 41.0  # interpolation between samples by pixels smaller than their spacing, 10000 x 10000; 1.4 from two samples on
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 8.0
     libraries: ClassVar = ("colour-science",)
@@ -99,7 +100,9 @@ class Pixel(Stage):
         light = inputs["irradiance"]
         lines = {
             "y": self._line(light.line("y"), self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height"),
-            "x": self._line(light.line("x"), self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"),
+            "x": self._line(
+                light.line("x"), self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"
+            ),
         }
         return {"photon_rate": Grid.of({"channel": RGB, **lines})}
 

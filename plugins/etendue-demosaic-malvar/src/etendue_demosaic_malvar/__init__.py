@@ -1,0 +1,1 @@
+"""Malvar-He-Cutler linear demosaicing for etendue."""

@@ -1,0 +1,40 @@
+"""The stage ``demosaic_malvar``: a few lines around the kernel.
+
+In:  ``mosaic_linear`` (y, x), 1 at clipping.
+Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from etendue.api import RGB, Stage, hookimpl, quantity
+
+from etendue_demosaic_malvar.kernel import malvar
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemosaicMalvar(Stage):
+    """Bilinear, corrected by the Laplacian of the measured colour (Malvar, He and Cutler 2004)."""
+
+    reads: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+    creates: ClassVar = {"channel": RGB}
+    gain: ClassVar = 2.5  # sum of the absolute coefficients: 2 for green, 20/8 for red and blue
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 10.0
+
+    pattern: str = quantity("pattern")
+
+    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+        return {"rgb_camera": malvar(mosaic_linear, self.pattern)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
+        return (5e-7 if precision == "float32" else 1e-15), "measured"
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {"demosaic_malvar": DemosaicMalvar}
