@@ -1,14 +1,19 @@
 """What the engine costs: (engine - the same kernels in a plain loop) / loop, at 256 x 256, without and with storing.
 
-    python benchmarks/overhead.py [--repeats 3]
+    python benchmarks/overhead.py [--repeats 5]
 
-One thread each (serial scheduler), the same bits checked, smallest CPU time of the repeats, alternating.
+Each way runs in a process of its own, after a small sweep that warms tables and code; one thread (serial scheduler); the
+pictures of both are compared bit for bit; the smallest CPU time of the repeats counts.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -16,48 +21,71 @@ import numpy as np
 from plain import HERE, machine, peak_memory, plan_of, shared, timed
 from threadpoolctl import threadpool_limits
 
-from etendue.session import Options, execute
+SIZES = {"sweep.f_number": [2, 2.8, 4, 5.6, 8], "sweep.aperture_fraction": [0.4, 0.6, 0.8, 1]}
+SMALL = {"sweep.f_number": [2, 4], "sweep.aperture_fraction": [0.5, 1], "sweep.integration_time": [0.001, 0.01]}
+WAYS = ("loop", "engine", "engine, storing all")
+
+
+def measure(way: str) -> dict:  # type: ignore[type-arg]
+    """One way, once, in this process."""
+    from etendue.run.memory import keep_freed_memory
+    from etendue.session import Options, execute
+
+    keep_freed_memory()  # both ways profit from it
+    np.ones(800 << 20, np.uint8)  # memory the machine has never touched costs more than filling it: the same for all ways
+    keep = "all" if way.endswith("all") else ["rgb_display"]
+    plan, small = plan_of(HERE / "one_sample.toml", **SIZES, keep=keep), plan_of(HERE / "one_sample.toml", **SMALL, keep=keep)
+    folder = Path(tempfile.mkdtemp())
+    digest, size = hashlib.sha256(), 0
+    with threadpool_limits(1):
+        if way == "loop":
+            shared(small)
+            wall, cpu, results = timed(shared, plan)
+            for point in sorted(results):
+                digest.update(results[point].tobytes())
+        else:
+            archive = [folder / "small", folder / "whole"] if way.endswith("all") else [None, None]
+            execute(small, archive[0], Options(scheduler="serial"))
+            wall, cpu, outcome = timed(execute, plan, archive[1], Options(scheduler="serial"))
+            if archive[1] is None:
+                for cell in plan.of("encode"):
+                    digest.update(outcome.arrays[cell.ref]["rgb_display"].tobytes())
+            else:
+                size = sum(p.stat().st_size for p in archive[1].rglob("*") if p.is_file())
+    shutil.rmtree(folder)
+    points = len(plan.of("encode"))
+    return {"wall": wall, "cpu": cpu, "digest": digest.hexdigest(), "bytes": size, "memory": peak_memory(), "cells": len(plan.cells), "points": points}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=3)
-    repeats = parser.parse_args().repeats
-    sizes = {"sweep.f_number": [2, 4, 8], "sweep.aperture_fraction": [0.5, 0.75, 1], "sweep.integration_time": [0.001, 0.002, 0.003, 0.005, 0.01, 0.012, 0.015, 0.02]}
-    in_memory = plan_of(HERE / "one_sample.toml", **sizes, keep=["rgb_display"])
-    stored = plan_of(HERE / "one_sample.toml", **sizes)
-    options = Options(scheduler="serial")
-    best = {"loop": [9e9, 9e9], "engine": [9e9, 9e9], "engine, storing all": [9e9, 9e9]}
-
-    def note(name: str, wall: float, cpu: float) -> None:
-        best[name] = [min(best[name][0], wall), min(best[name][1], cpu)]
-
-    size = 0
-    with threadpool_limits(1):
-        shared(in_memory)  # tables of colour-science, code, caches of the machine: warm for all
-        execute(in_memory, None, options)
-        for _ in range(repeats):
-            wall, cpu, loop = timed(shared, in_memory)
-            note("loop", wall, cpu)
-            wall, cpu, outcome = timed(execute, in_memory, None, options)
-            note("engine", wall, cpu)
-            for point, picture in loop.items():
-                assert np.array_equal(outcome.arrays[("encode", point)]["rgb_display"], picture), f"engine and loop differ at {point}"
-            folder = Path(tempfile.mkdtemp()) / "archive"
-            wall, cpu, _ = timed(execute, stored, folder, options)
-            note("engine, storing all", wall, cpu)
-            size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
-            shutil.rmtree(folder.parent)
-    points = len(loop)
-    print(f"256 x 256 pixels, 3 bands, {points} points ({len(in_memory.cells)} cells), float32, one thread, {machine()}, best of {repeats}")
-    for name, (wall, cpu) in best.items():
-        print(f"{name:22s} wall {wall:7.3f} s   CPU {cpu:7.3f} s   {1e3 * cpu / points:6.2f} ms a point")
-    loop_cpu = best["loop"][1]
-    print(f"overhead without storing   {100 * (best['engine'][1] - loop_cpu) / loop_cpu:6.1f} %   (goal <= 10 %)")
-    print(f"overhead, storing all      {100 * (best['engine, storing all'][1] - loop_cpu) / loop_cpu:6.1f} %   ({size / 1e6:.0f} MB, all variables of all cells)")
-    share = (best["engine, storing all"][1] - best["engine"][1]) / best["engine, storing all"][1]
-    print(f"share of storing           {100 * share:6.1f} %   of the engine's CPU time")
-    print(f"peak memory                {peak_memory() / 1e6:6.0f} MB resident (all results of the loop and the engine held)")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--one", choices=WAYS, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.one:
+        print(json.dumps(measure(arguments.one)))
+        return
+    runs: dict[str, list[dict]] = {way: [] for way in WAYS}  # type: ignore[type-arg]
+    for _ in range(arguments.repeats):
+        for way in WAYS:
+            text = subprocess.run([sys.executable, __file__, "--one", way], check=True, capture_output=True, text=True).stdout
+            runs[way].append(json.loads(text))
+    assert {r["digest"] for r in runs["loop"]} == {r["digest"] for r in runs["engine"]}, "engine and loop give different bits"
+    first = runs["engine"][0]
+    print(
+        f"256 x 256 pixels, 3 bands, {first['points']} points ({first['cells']} cells), float32, one thread, {machine()}, "
+        f"best of {arguments.repeats} processes, same bits"
+    )
+    cpu = {way: min(r["cpu"] for r in found) for way, found in runs.items()}
+    for way, found in runs.items():
+        print(
+            f"{way:22s} wall {min(r['wall'] for r in found):7.3f} s   CPU {cpu[way]:7.3f} s   {1e3 * cpu[way] / first['points']:6.2f} ms a point   "
+            f"peak memory {max(r['memory'] for r in found) / 1e6:5.0f} MB"
+        )
+    print(f"overhead without storing   {100 * (cpu['engine'] / cpu['loop'] - 1):6.1f} %   (goal <= 10 %)")
+    stored = runs["engine, storing all"][0]["bytes"]
+    print(f"overhead, storing all      {100 * (cpu['engine, storing all'] / cpu['loop'] - 1):6.1f} %   ({stored / 1e6:.0f} MB: all variables of all cells)")
+    print(f"share of storing           {100 * (1 - cpu['engine'] / cpu['engine, storing all']):6.1f} %   of the engine's CPU time")
 
 
 if __name__ == "__main__":

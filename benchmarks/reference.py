@@ -116,7 +116,7 @@ def errors(group: dict[str, Any], kernel: Callable[..., Any], kind: Any) -> tupl
         if group["name"] == "quantised_gauss" and inputs["sigma_lsb"] > 0:
             tolerance *= max(1.0, 0.25 / inputs["sigma_lsb"] ** 2)  # sensitivity of the variance to sigma; the file gives none
         for x, y in zip(found, truth, strict=True):
-            if x == y or (math.isnan(x) and math.isnan(y)) or abs(y) < 1e-50 and abs(x) < 1e-50:
+            if x == y or (math.isnan(x) and math.isnan(y)) or (abs(y) < 1e-50 and abs(x) < 1e-50):
                 continue
             if kind is np.float32 and abs(y) < 1e-37:
                 continue  # below what float32 holds

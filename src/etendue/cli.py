@@ -80,7 +80,8 @@ def _number(text: str) -> Any:
         value = Decimal(stripped)
     except InvalidOperation:
         return stripped
-    return int(value) if value == value.to_integral_value() and "." not in stripped and "e" not in stripped.lower() else value
+    whole = stripped.lstrip("+-").isdigit()
+    return int(value) if whole else value
 
 
 def _overrides(settings: tuple[str, ...], sweeps: tuple[str, ...], want: tuple[str, ...], tolerance: str | None) -> dict[str, Any]:
@@ -97,7 +98,8 @@ def _overrides(settings: tuple[str, ...], sweeps: tuple[str, ...], want: tuple[s
             if option == "--set":
                 found[key.strip()] = _number(value)
             else:
-                found[f"sweep.{key.strip()}"] = _number(value) if value.strip()[:1] in "[{" else [_number(v) for v in value.split(",")]
+                written = value.strip().startswith(("[", "{"))  # as it would stand in the file
+                found[f"sweep.{key.strip()}"] = _number(value) if written else [_number(v) for v in value.split(",")]
     if faults:
         raise RequestError(faults)
     if want:

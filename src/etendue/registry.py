@@ -77,9 +77,10 @@ class Registry:
             impls = [impl for impl in self._manager.hook.etendue_stages.get_hookimpls() if impl.plugin is module]
             if not impls:
                 raise PluginError(f"{point.module} has no @hookimpl etendue_stages")
-            kind = impls[0].function()[name]
-        except Exception as error:
-            raise PluginError(f"{origin} cannot be loaded: {type(error).__name__}: {error}") from error
+            kind = impls[0].function()[name]  # type: ignore[index]
+        except (Exception, SystemExit) as error:  # a module that ends the process at import is broken like any other
+            reason = " ".join(str(error).split())[:300]
+            raise PluginError(f"{origin} cannot be loaded: {type(error).__name__}: {reason}") from error
         try:
             reads_of(kind), writes_of(kind), parameters_of(kind), arguments_of(kind)
         except Exception as error:

@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
+from etendue.run.memory import keep_freed_memory
 from etendue.run.serial import run_serial
 from etendue.spec.pipeline import Pipeline, from_document, parse_pipeline, read_pipeline
 from etendue.spec.ports import CellReport, Progress
@@ -185,13 +186,15 @@ def execute(
             _run(partition(jobs, options.batch_seconds), show, before, after, options)
         except KeyboardInterrupt:  # what is finished can be looked at, and the next run goes on from it
             _merge_journal(outcome, store)
-            store.close_run({"ledger": tables.ledger(plan, outcome.reports), "summary": tables.summary(plan, outcome.reports)})
+            stored = _as_stored(outcome, store)
+            store.close_run({"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)})
             provenance.write_manifest(store.folder)
             raise
         finally:
             progress.end()
         _merge_journal(outcome, store)
-        kept_tables = {"ledger": tables.ledger(plan, outcome.reports), "summary": tables.summary(plan, outcome.reports)}
+        stored = _as_stored(outcome, store)
+        kept_tables = {"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)}
         if arrays:
             frames = pictures.render(plan, shown_cells(plan), {**_stored(plan, store, todo), **arrays})
             if frames:
@@ -222,23 +225,34 @@ def _merge_journal(outcome: Outcome, store: Any) -> None:
     for ref in outcome.reused:
         entry = store.journal.entries.get(store.names[ref])
         if entry is not None and ref not in outcome.reports and entry.event == "done":
-            outcome.reports[ref] = CellReport(*ref, "reused", entry.seconds, entry.files, clipped=entry.clipped, clipped_flux=entry.clipped_flux)
+            kept = {chunk.path for chunk in store.chunk_paths(outcome.plan.cells[ref])}
+            files = tuple(file for file in entry.files if file.path in kept)
+            outcome.reports[ref] = CellReport(*ref, "reused", entry.seconds, files, clipped=entry.clipped, clipped_flux=entry.clipped_flux)
+
+
+def _as_stored(outcome: Outcome, store: Any) -> dict[CellRef, CellReport]:
+    """Reports for the tables of an archive: what became of a cell, whichever run computed it."""
+    return {
+        ref: replace(r, status=store.journal.entries[store.names[ref]].status) if r.status == "reused" else r for ref, r in outcome.reports.items()
+    }
 
 
 def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
-    from etendue.archive.memory import tree_of
+    from etendue.archive.memory import MemoryArchive
     from etendue.report import pictures, tables
 
     began = time.perf_counter()
     todo = set(plan.cells)
     show = frozenset(shown_cells(plan).values())
     jobs = make_jobs(plan, todo, lambda cell: None, deliver_all=True, show=show)
+    memory = MemoryArchive(plan)
     reports: dict[CellRef, CellReport] = {}
     arrays: dict[CellRef, dict[str, Any]] = {}
 
     def after(batch: Batch, result: BatchResult) -> None:
         reports.update({(r.stage, r.index): r for r in result.reports})
-        arrays.update(result.kept)  # type: ignore[arg-type]
+        arrays.update({ref: memory.put(ref, found) for ref, found in result.kept.items()})
+        result.kept.clear()  # the scheduler holds on to its results; their arrays stand in the tree now
         progress.finished(result.reports)
 
     progress.begin(len(todo))
@@ -251,13 +265,14 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
     kept = {"ledger": tables.ledger(plan, reports), "summary": tables.summary(plan, reports)}
     if frames:
         kept["frames"] = pictures.frames_table(frames)
-    tree = tree_of(plan, arrays, status, kept)
+    tree = memory.tree(status, kept)
     return Outcome(plan, reports, set(), time.perf_counter() - began, tree=tree, arrays=arrays)
 
 
 def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options) -> None:
     from threadpoolctl import threadpool_limits
 
+    keep_freed_memory()
     with threadpool_limits(1):  # the results must not depend on how many threads a library would like
         if options.scheduler == "serial":
             run_serial(batches, deliver, before, after)

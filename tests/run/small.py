@@ -129,14 +129,17 @@ def assert_same_arrays(first: dict[Any, Any], second: dict[Any, Any]) -> None:
 RUNTIMES = {"seconds"}
 
 
-def assert_same_archives(first: Path, second: Path, tables: bool = True) -> None:
-    """Every array of two archives has the same dims, attributes and bits; measured times may differ."""
+def assert_same_archives(first: Path, second: Path, frames: bool = True) -> None:
+    """Every array of two archives has the same dims, attributes and bits; measured times may differ.
+
+    Frames are pictures of what a run saw: of stages that are not kept there is none after a resume.
+    """
     with xarray.open_datatree(first / "data.zarr", engine="zarr", chunks=None) as one, xarray.open_datatree(
         second / "data.zarr", engine="zarr", chunks=None
     ) as other:
         assert {n.path for n in one.subtree} == {n.path for n in other.subtree}
         for node in one.subtree:
-            if node.path in ("/ledger", "/summary", "/frames") and not tables:
+            if node.path == "/frames" and not frames:
                 continue
             twin = other[node.path].dataset
             assert dict(node.dataset.attrs) == dict(twin.attrs), node.path
@@ -154,9 +157,15 @@ def assert_same_archives(first: Path, second: Path, tables: bool = True) -> None
                     assert_same_bits(mine, its, where)
 
 
-def command(*arguments: Any, **environment: str) -> list[str] | Any:
+def environment(**more: str) -> dict[str, str]:
+    """The environment of a subprocess; ``PYTHONPATH`` stands in front of the one there is."""
+    path = [more["PYTHONPATH"]] if "PYTHONPATH" in more else []
+    path += [os.environ["PYTHONPATH"]] if "PYTHONPATH" in os.environ else []
+    return {**os.environ, **more} | ({"PYTHONPATH": os.pathsep.join(path)} if path else {})
+
+
+def command(*arguments: Any, **more: str) -> subprocess.CompletedProcess[str]:
     """Run ``python -m etendue`` to its end."""
     return subprocess.run(
-        [sys.executable, "-m", "etendue", *map(str, arguments)], capture_output=True, text=True, timeout=300,
-        env={**os.environ, **environment}, check=False,
-    )  # fmt: skip
+        [sys.executable, "-m", "etendue", *map(str, arguments)], capture_output=True, text=True, timeout=300, env=environment(**more), check=False
+    )

@@ -92,9 +92,7 @@ def test_what_is_kept_changes_no_bit_of_it(reference, keep):
 @pytest.mark.parametrize("wanted", [["photon_rate"], ["diffraction.irradiance"], ["raw", "resolution"]])
 def test_what_is_wanted_changes_no_bit_of_it(reference, wanted):
     plan, expected = reference
-    less = plan_of({**SWEEP, **DEMOSAICERS, "precision": plan.precision, "wanted": wanted} | ({"sweep.demosaic.use": None} if False else {})) if (
-        wanted == ["rgb_camera"]
-    ) else plan_of(_reaching(wanted, plan.precision))
+    less = plan_of(_reaching(wanted, plan.precision))
     arrays = by_labels(less, run(less).arrays)
     assert_same_arrays(arrays, {key: expected[key] for key in arrays})
 
@@ -127,7 +125,7 @@ def test_a_resumed_archive_equals_an_uninterrupted_one(tmp_path, precision, kept
     again = run(plan, broken, scheduler="threads", workers=2, batch_seconds=0.0)
     assert 0 < again.computed < len(plan.cells) or kept != "all"
     assert {r.stage for r in again.reports.values() if r.status in ("done", "left_out")} >= lost
-    assert_same_archives(broken, whole)
+    assert_same_archives(broken, whole, frames=kept == "all")
     assert run(plan, broken).computed == 0
 
 
@@ -166,6 +164,6 @@ def test_memory_and_archive_hold_the_same_tree(tmp_path):
                 assert variable.dims == other[name].dims, (node.path, name)
                 mine, its = np.asarray(variable.values), np.asarray(other[name].values)
                 if mine.dtype.kind in "OTU":
-                    assert mine.astype(str).tolist() == its.astype(str).tolist(), (node.path, name)
+                    assert [str(v) for v in mine.ravel()] == [str(v) for v in its.ravel()], (node.path, name)
                 else:
                     np.testing.assert_array_equal(mine, its, err_msg=f"{node.path}/{name}")

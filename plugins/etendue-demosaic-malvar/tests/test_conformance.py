@@ -1,8 +1,9 @@
 """The stage keeps what it declares."""
 
 import pytest
-from etendue.testing import StageConformance
 from etendue_demosaic_malvar.stages import DemosaicMalvar
+
+from etendue.testing import StageConformance
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])

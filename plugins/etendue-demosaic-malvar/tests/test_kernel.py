@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from etendue.physics import demosaic, mosaic
 from etendue_demosaic_malvar.kernel import malvar
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+
+from etendue.physics import demosaic, mosaic
 
 # Figure 2 of the paper, times 8.
 GREEN_AT_CHROMA = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]])

@@ -16,44 +16,59 @@ from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayou
 from etendue.plan.model import CellRef, Plan
 
 
-def _dataset(layout: GroupLayout, arrays: Mapping[CellRef, Mapping[str, Any]], status: Mapping[CellRef, str]) -> xarray.Dataset:
-    sizes = tuple(len(values) for values in layout.axes.values())
-    data: dict[str, Any] = {}
-    for variable in layout.variables.values():
-        fill = np.nan if variable.dtype.startswith("float") else 0
-        whole = np.empty((*sizes, *variable.shape), dtype=variable.dtype)
-        missing = np.ones(sizes, dtype=bool)
+class MemoryArchive:
+    """Arrays of a whole sweep, filled cell by cell as they are computed."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan, self.layout = plan, layout_of(plan)
+        self.whole: dict[tuple[str, str], Any] = {}
+        self.missing: dict[tuple[str, str], Any] = {}
+        for path, group in self.layout.groups.items():
+            sizes = tuple(len(values) for values in group.axes.values())
+            for variable in group.variables.values():
+                self.whole[path, variable.name] = np.empty((*sizes, *variable.shape), dtype=variable.dtype)
+                self.missing[path, variable.name] = np.ones(sizes, dtype=bool)
+
+    def put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
+        """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they came)."""
+        path = self.layout.home.get(ref)
+        placed = {}
+        for name, array in arrays.items():
+            whole = self.whole.get((path, name)) if path else None
+            if path is None or whole is None:
+                placed[name] = array
+                continue
+            index = self.layout.groups[path].cells[ref]
+            whole[index] = array
+            self.missing[path, name][index] = False
+            placed[name] = whole[index]
+        return placed
+
+    def _dataset(self, path: str, layout: GroupLayout, status: Mapping[CellRef, str]) -> xarray.Dataset:
+        sizes = tuple(len(values) for values in layout.axes.values())
+        data: dict[str, Any] = {}
+        for variable in layout.variables.values():
+            whole, missing = self.whole[path, variable.name], self.missing[path, variable.name]
+            if missing.any():
+                whole[missing] = np.nan if whole.dtype.kind == "f" else 0
+            data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
+        flags = np.full(sizes, STATUS.index("not_computed"), np.uint8)
         for ref, index in layout.cells.items():
-            if variable.name in arrays.get(ref, {}):
-                whole[index] = arrays[ref][variable.name]
-                missing[index] = False
-        if missing.any():
-            whole[missing] = fill
-        data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
-    flags = np.full(sizes, 4, np.uint8)
-    for ref, index in layout.cells.items():
-        if ref in status:
-            flags[index] = STATUS.index(status[ref])
-    data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
-    coordinates = {name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items()}
-    if BOUNDS in coordinates:
-        data[BOUNDS] = coordinates.pop(BOUNDS)
-    return xarray.Dataset(data, coordinates, layout.attrs)
+            if ref in status:
+                flags[index] = STATUS.index(status[ref])
+        data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
+        coordinates = {name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items()}
+        if BOUNDS in coordinates:
+            data[BOUNDS] = coordinates.pop(BOUNDS)
+        return xarray.Dataset(data, coordinates, layout.attrs)
 
-
-def tree_of(
-    plan: Plan,
-    arrays: Mapping[CellRef, Mapping[str, Any]],
-    status: Mapping[CellRef, str],
-    tables: Mapping[str, Mapping[str, Any]],
-) -> xarray.DataTree:
-    """Groups by stage, with ledger, summary and frames beside them."""
-    layout = layout_of(plan)
-    groups: dict[str, xarray.Dataset] = {node: xarray.Dataset(attrs=attrs) for node, attrs in layout.parents.items()}
-    groups |= {path: _dataset(group, arrays, status) for path, group in layout.groups.items()}
-    for name, table in tables.items():
-        columns = {column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()}
-        groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
-    tree = xarray.DataTree.from_dict({f"/{path}": dataset for path, dataset in groups.items()})
-    tree.attrs["pipeline"] = plan.pipeline.name
-    return tree
+    def tree(self, status: Mapping[CellRef, str], tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
+        """Groups by stage, with ledger, summary and frames beside them."""
+        groups: dict[str, xarray.Dataset] = {node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()}
+        groups |= {path: self._dataset(path, group, status) for path, group in self.layout.groups.items()}
+        for name, table in tables.items():
+            columns = {column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()}
+            groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))
+        tree = xarray.DataTree.from_dict({f"/{path}": dataset for path, dataset in groups.items()})
+        tree.attrs["pipeline"] = self.plan.pipeline.name
+        return tree

@@ -40,7 +40,7 @@ TABLES = ("ledger", "summary", "frames")
 
 
 def _codecs() -> list[Any]:
-    return [BloscCodec(cname=CODEC, clevel=LEVEL, shuffle="bitshuffle"), Crc32cCodec()]
+    return [BloscCodec(cname=CODEC, clevel=LEVEL, shuffle="bitshuffle"), Crc32cCodec()]  # type: ignore[arg-type]
 
 
 def put_array(group: Any, name: str, values: Any, dims: tuple[str, ...], attrs: Mapping[str, Any]) -> None:

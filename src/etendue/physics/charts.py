@@ -33,6 +33,13 @@ def require_axes(y: npt.ArrayLike, x: npt.ArrayLike) -> tuple[FloatArray, FloatA
     return y.astype(dtype, copy=False), x.astype(dtype, copy=False)
 
 
+def require_spot_distance(spacing: float, rms_width: float) -> None:
+    if spacing < 6 * rms_width:
+        raise ValueError(
+            f"spacing must be at least six softened rms widths, {6 * rms_width:g} um, got {spacing} um"
+        )
+
+
 def require_levels(low: float, high: float) -> None:
     if not 0 <= low <= high < np.inf:
         raise ValueError(f"low and high must satisfy 0 <= low <= high, got low={low}, high={high}")
@@ -294,10 +301,7 @@ def points(
     require_positive(spacing=spacing, spot_sigma=spot_sigma)
     require_softness(softness)
     spacing, rms_width = float(spacing), float(np.hypot(spot_sigma, softness))
-    if spacing < 6 * rms_width:
-        raise ValueError(
-            f"spacing must be at least six softened rms widths, {6 * rms_width:g} um, got {spacing} um"
-        )
+    require_spot_distance(spacing, rms_width)
     fraction = _row_of_spots(y, spacing, rms_width)[:, None] * _row_of_spots(x, spacing, rms_width)
     return blend(background, peak, float(spot_sigma / rms_width) ** 2 * fraction)
 

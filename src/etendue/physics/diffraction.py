@@ -241,7 +241,7 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
     # eight pixels share a value; the far one of row and column comes first
     pairs = np.stack([np.maximum(row, column).ravel(), np.minimum(row, column).ravel()])
     distinct, back = np.unique(pairs, axis=1, return_inverse=True)
-    return _pixel_energy(*distinct, np.pi * pitch / spot)[back].reshape(row.shape)[()]
+    return _pixel_energy(distinct[0], distinct[1], np.pi * pitch / spot)[back].reshape(row.shape)[()]
 
 
 def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:

@@ -318,7 +318,8 @@ class _Builder:
             reached = {dim for node in nodes for dim in node.axes}
             for axis in self.axes:
                 if axis.dim not in reached:
-                    self.fault(f"sweep.{axis.key}", "an axis of nothing: no wanted variable depends on it; leave it out or want more")
+                    self.warnings.append(f"sweep.{axis.key} is not swept: nothing that is wanted depends on it")
+            self.axes = [axis for axis in self.axes if axis.dim in reached]
         if self.faults:
             raise RequestError(self.faults, pipeline.file)
         return Graph(tuple(nodes), tuple(self.axes), self.camera, wanted, pipeline.keep, tuple(self.warnings))
@@ -460,5 +461,3 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
         if variable in keep or stage in keep or f"{stage}.{variable}" in keep:
             chosen.add((stage, variable))
     return frozenset(chosen)
-
-

@@ -15,10 +15,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from etendue.spec.stage import Stage, parameters_of
+from etendue.spec.stage import Stage, file_state, files_of, parameters_of
 
 PACKAGE = Path(__file__).parent.parent
-FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants")
+FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants", "etendue.stages", "etendue.api")
 SEGMENT_MODULES = ("etendue.physics.sampling",)
 
 
@@ -62,7 +62,7 @@ def _imported(path: Path) -> set[str]:
 
 @cache
 def _reaches(module: str) -> frozenset[str]:
-    """The module and every module of physics, spec, spectra and constants that it imports, at any depth."""
+    """The module and every module of stages, physics, spec, spectra and constants that it imports, at any depth."""
     seen: set[str] = set()
     open_ = [module]
     while open_:
@@ -120,17 +120,17 @@ def version_of(distribution: str) -> str:
         return "missing"
 
 
-@cache
 def file_digest(path: str) -> str:
     """SHA-256 of a file: file parameters count by content."""
+    return _file_digest(path, file_state(path))
+
+
+@cache
+def _file_digest(path: str, state: tuple[int, int]) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def parameters_for_key(stage: Stage) -> dict[str, Any]:
     """Resolved parameters with files replaced by their content's digest."""
-    values = {}
-    for name, (parameter, _, _) in parameters_of(type(stage)).items():
-        value = getattr(stage, name)
-        is_file = isinstance(value, str) and value and (parameter.file or (parameter.table and value.endswith(".csv")))
-        values[name] = f"sha256:{file_digest(value)}" if is_file else value
-    return values
+    files = files_of(stage)
+    return {n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))}

@@ -47,22 +47,23 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
     dims = plan.node(cell.node).writes[variable].dims
     if dims == ("wavelength", "y", "x"):
         edges = grid.bands().edges
-        xyz = np.tensordot((spectra.colour_matching(edges) * np.diff(edges)[:, None]).T, np.asarray(array, dtype=float), axes=1)
+        observer = (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T.astype(np.float32)
+        xyz = np.tensordot(observer, np.asarray(array, dtype=np.float32), axes=1)
         return colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), xyz)
     if dims == ("channel", "y", "x"):
-        planes = np.asarray(array, dtype=float)
+        planes = np.asarray(array, dtype=np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
             planes = colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), planes)
         return planes if planes.shape[0] == 3 else np.repeat(planes[:1], 3, axis=0)
     if dims == ("y", "x"):
-        plane = np.asarray(array, dtype=float)
+        plane = np.asarray(array, dtype=np.float32)
         if variable == "raw":
             plane = np.maximum(plane - float(plan.camera.get("black_level", 0) or 0), 0)
         pattern = plan.camera.get("pattern")
         if pattern is None:
             return np.repeat(plane[None], 3, axis=0)
         index = mosaic.colour_index(pattern, *plane.shape)
-        return np.stack([np.where(index == c, plane, 0.0) for c in range(3)])
+        return np.stack([np.where(index == c, plane, np.float32(0)) for c in range(3)])
     return None
 
 
@@ -83,7 +84,7 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
     for cell, variable, kind in order:
         array = arrays[cell.ref][variable]
         if variable == "rgb_display":
-            picture = np.asarray(array, dtype=float)
+            picture = np.asarray(array, dtype=np.float32)
         else:
             linear = _linear_rgb(plan, cell, variable, array)
             if linear is None:
@@ -121,7 +122,7 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
         "arrays": {
             "preview": (dims, preview, {"long_name": "the stage as it looks", "colour_space": "sRGB", "transfer_function": "sRGB", "units": "1"}),
             "stage": (("stage",), np.array(stage, dtype=object), {"long_name": "stage"}),
-            "channel": (("channel",), np.array(["R", "G", "B"], dtype=object), {}),
+            "channel": (("channel",), np.array(["R", "G", "B"], dtype=object), {"long_name": "channel"}),
             "variable": (("stage",), np.array([f.variable for f in frames], dtype=object), {"long_name": "variable"}),
             "true_height": (("stage",), np.array([f.size[0] for f in frames]), {"units": "pixel", "long_name": "true height"}),
             "true_width": (("stage",), np.array([f.size[1] for f in frames]), {"units": "pixel", "long_name": "true width"}),

@@ -78,6 +78,7 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
             {
                 "name": node.name,
                 "use": node.alternatives[0].use if len(node.alternatives) == 1 else [a.use for a in node.alternatives],
+                "distribution": node.alternatives[0].distribution,
                 "axes": [plan.axis(d).key for d in node.axes],
                 "cells": len(cells),
                 "computed": sum(r.status in ("done", "left_out") for r in own),
@@ -102,11 +103,11 @@ def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     dims = ("stage",)
     arrays = {
         "stage": (dims, np.array([r["name"] for r in rows], dtype=object), {"long_name": "stage"}),
-        "cells": (dims, np.array([r["cells"] for r in rows]), {"long_name": "cells"}),
-        "seconds": (dims, np.array([r["seconds"] for r in rows]), {"units": "s", "long_name": "thread time of what the last run computed"}),
+        "cells": (dims, np.array([r["cells"] for r in rows]), {"units": "1", "long_name": "cells"}),
+        "seconds": (dims, np.array([r["seconds"] for r in rows]), {"units": "s", "long_name": "thread time"}),
         "bytes": (dims, np.array([r["bytes"] for r in rows]), {"units": "byte", "long_name": "stored"}),
         "worst_error": (dims, np.array([math.nan if r["error"] is None else r["error"] for r in rows]), {"units": "1", "long_name": "worst error"}),
-        "left_out": (dims, np.array([r["left_out"]["cells"] if r["left_out"] else 0 for r in rows]), {"long_name": "cells left out"}),
+        "left_out": (dims, np.array([r["left_out"]["cells"] if r["left_out"] else 0 for r in rows]), {"units": "1", "long_name": "cells left out"}),
     }
     return {"arrays": arrays, "attrs": {"title": "one row per stage"}}
 

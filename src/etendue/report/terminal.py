@@ -6,6 +6,7 @@ Results go to stdout, progress and notes to stderr. rich does the drawing; NO_CO
 from __future__ import annotations
 
 import math
+import shlex
 import re
 from collections.abc import Iterable
 from inspect import cleandoc
@@ -21,7 +22,7 @@ from rich.table import Table
 
 from etendue.errors import PluginError
 from etendue.plan.cost import cell_seconds
-from etendue.plan.model import Plan
+from etendue.plan.model import CellRef, Plan
 from etendue.registry import Registry
 from etendue.report.tables import headlines, stage_rows
 from etendue.spec.ports import CellReport
@@ -129,7 +130,7 @@ class TerminalProgress:
 
     def __init__(self, plan: Plan) -> None:
         self.console = Console(stderr=True)
-        self.costs = {}
+        self.costs: dict[Any, float] = {}
         self.plan = plan
         self.progress: Progress | None = None
 
@@ -171,9 +172,33 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "seconds": outcome.seconds,
         "pictures": [str(p) for p in outcome.pictures],
         "reasons": outcome.reasons,
-        "failures": [{"cell": [r.stage, outcome.plan.labels((r.stage, r.index))], "message": r.message} for r in outcome.failed],
+        "failures": [
+            {"cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))], "message": r.message, "again": replay(outcome.plan, ref)}
+            for r in outcome.failed
+        ],
         "headlines": [{"name": n, "value": v, "units": u} for n, v, u in headlines(outcome.plan, outcome.arrays)],
     }
+
+
+def replay(plan: Plan, ref: CellRef) -> str:
+    """The command that computes one cell and what it needs, alone. Axes that do not reach it stand at their first value."""
+    labels = plan.labels(ref)
+    words = ["etendue", "run", plan.pipeline.file]
+    for axis in plan.axes:
+        value = labels.get(axis.dim, axis.values[0])
+        stage, _, parameter = axis.key.partition(".")
+        if parameter != "use":
+            words += ["--set", f"{axis.key if parameter else 'camera.' + axis.key}={value}"]
+            continue
+        node = next((n for n in plan.nodes if n.name == stage), None)
+        one = next((a for a in node.alternatives if a.label == value), None) if node else None
+        if one is not None:
+            declared = parameters_of(one.kind)
+            words += ["--set", f"{axis.key}={one.use}"]
+            for name, own in one.values.items():
+                if not declared[name][0].camera and own != declared[name][2]:
+                    words += ["--set", f"{stage}.{name}={own}"]
+    return shlex.join([*words, "--want", ref[0], "--archive", "again"])
 
 
 def print_outcome(outcome: Any) -> None:
@@ -202,12 +227,9 @@ def print_outcome(outcome: Any) -> None:
         worst = max(clipped, key=lambda r: r.clipped_flux)
         console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
     for report in outcome.failed[:5]:
-        labels = outcome.plan.labels((report.stage, report.index))
-        keys = {dim: outcome.plan.axis(dim).key for dim in labels}
-        settings = {k if "." in k else f"camera.{k}": labels[dim] for dim, k in keys.items()}
-        flags = " ".join(f"--set {quote(f'{k}={v}')}" for k, v in settings.items())
-        console.print(f"failed: {report.stage} {escape(str(labels))}: {escape(report.message)}")
-        console.print(f"  again, alone: etendue run {outcome.plan.pipeline.file} {flags} --want {report.stage} --archive again")
+        ref = (report.stage, report.index)
+        console.print(f"failed: {report.stage} {escape(str(outcome.plan.labels(ref)))}: {escape(report.message)}")
+        console.print(f"  again, alone: {escape(replay(outcome.plan, ref))}", soft_wrap=True)
     if len(outcome.failed) > 5:
         console.print(f"failed: {len(outcome.failed) - 5} more; see the ledger")
     for name, value, unit in headlines(outcome.plan, outcome.arrays):

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from etendue.plan.model import CellRef
 from etendue.run.cell import Result, compute
 from etendue.run.jobs import Job
+from etendue.run.order import depth_first
 from etendue.spec.ports import CellReport
 
 TARGET_SECONDS = 0.1
@@ -36,7 +37,8 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
     batches: list[Batch] = []
     home: dict[CellRef, int] = {}
     behind: dict[tuple[int, ...], int] = {}  # the open batch behind the batches that hold the newest inputs
-    for ref, job in jobs.items():
+    for ref in depth_first(jobs, lambda r: jobs[r].needs):
+        job = jobs[ref]
         needed = {home[r] for r in job.needs}
         level = max((batches[b].level for b in needed), default=-1)
         newest = tuple(sorted(b for b in needed if batches[b].level == level))
@@ -91,7 +93,7 @@ def run_batch(
         results[job.ref] = result
         reports.append(report)
         if job.ref in deliver:
-            kept[job.ref] = result.arrays
+            kept[job.ref] = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
         for ref in job.needs:
             readers[ref] -= 1
             if readers[ref] == 0 and ref not in own:

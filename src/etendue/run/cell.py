@@ -23,7 +23,7 @@ from etendue.plan.model import CellRef
 from etendue.run.jobs import Job
 from etendue.spec.grid import Bands, Grid, Line
 from etendue.spec.ports import CellReport
-from etendue.spec.stage import Stage, arguments_of
+from etendue.spec.stage import Stage, arguments_of, state_of
 
 LARGEST_CACHE = 256 << 20
 
@@ -136,7 +136,7 @@ def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[st
     """``stage.prepare``, once per (parameters, coordinates) and process."""
     if not hasattr(stage, "prepare"):
         return None
-    key = ("prepare", stage, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
+    key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
     return _tables.get(key, lambda: stage.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")}))
 
 
@@ -162,7 +162,7 @@ def _grid_transfer(job: Job) -> Any:
         kind = np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
         return np.ascontiguousarray(value, dtype=kind)
 
-    return _tables.get(("transfer", job.stage, y, x, edges, job.precision), make)
+    return _tables.get(("transfer", state_of(job.stage), y, x, edges, job.precision), make)
 
 
 def _transfer(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
@@ -223,7 +223,7 @@ class Otf:
 
     def _remembered(self, stage: Stage, fx: Any) -> Any:
         """The coarse grid of a search is the same in every cell of a sweep."""
-        return _tables.get(("otf", stage, self.edges, fx.tobytes()), lambda: self._at(stage, fx))
+        return _tables.get(("otf", state_of(stage), self.edges, fx.tobytes()), lambda: self._at(stage, fx))
 
 
 def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> dict[str, Any]:

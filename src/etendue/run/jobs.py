@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Cell, CellRef, Plan
@@ -21,7 +23,7 @@ class Job:
     """One cell to compute, or to load because something else reads it.
 
     ``task``: compute, or load (already stored; only read back, or its spectrum rebuilt).
-    ``deliver``: the variables other jobs or the caller need as arrays; ``spectrum``: they need its spectrum.
+    ``deliver``: the variables other jobs or the caller need as arrays, ``give``: those of the caller; ``spectrum``: they need its spectrum.
     """
 
     ref: CellRef
@@ -45,8 +47,9 @@ class Job:
     spectrum: bool
     target: Target | None
     seconds: float
+    give: tuple[str, ...] | None = None  # of what is delivered: what the caller holds on to; None: all
 
-    @property
+    @cached_property
     def needs(self) -> tuple[CellRef, ...]:
         """The cells whose results this job reads."""
         if self.task == "load" and not self.spectrum:
@@ -98,9 +101,8 @@ def make_jobs(
             continue
         node = nodes[cell.node]
         store = tuple(v for v in node.writes if (node.name, v) in plan.kept) if ref in todo else ()
-        deliver = dict(arrays.get(ref, {}))
-        if (deliver_all and ref in todo) or ref in show:
-            deliver.update(dict.fromkeys(node.writes if ref in show else store))
+        give = tuple(node.writes) if ref in show else store if deliver_all else ()
+        deliver = {**arrays.get(ref, {}), **dict.fromkeys(give)}
         looks_at, transfers, bands, weights = _looking(plan, cell)
         serial = getattr(cell.stage, "sensor_serial", "")
         jobs[ref] = Job(
@@ -110,16 +112,20 @@ def make_jobs(
             left_out=cell.left_out is not None, seed=cell.seed,
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(deliver), spectrum=ref in spectra, target=target(cell), seconds=cell_seconds(node, cell, plan.precision),
+            give=give,
         )  # fmt: skip
     return jobs
 
 
-def _looking(plan: Plan, cell: Cell):  # type: ignore[no-untyped-def]
+def _looking(plan: Plan, cell: Cell) -> tuple[Any, Any, tuple[float, ...], Stage | None]:
     """What a probe's cell looks at: stages for transfer functions, cells for variables."""
-    node = plan.node(cell.node)
-    if not node.looks_at:
+    if not cell.looks_at:
         return (), (), (), None
-    looks_at, transfers, bands, weights = [], [], (), None
+    node = plan.node(cell.node)
+    looks_at: list[Any] = []
+    transfers: list[Stage] = []
+    bands: tuple[float, ...] = ()
+    weights: Stage | None = None
     for port, what, _ in node.looks_at:
         refs = dict(cell.looks_at)[port]
         looks_at.append((port, what, tuple((ref[0], ref) for ref in refs)))

@@ -17,6 +17,7 @@ from typing import Any
 from etendue.errors import RequestError
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
+from etendue.run.memory import keep_freed_memory
 
 
 def graph_of(batches: list[Batch], deliver: frozenset[CellRef]) -> dict[str, Any]:
@@ -34,6 +35,7 @@ def graph_of(batches: list[Batch], deliver: frozenset[CellRef]) -> dict[str, Any
 def one_thread_inside() -> None:
     """BLAS with one thread: results must not depend on how many there are."""
     global _limits
+    keep_freed_memory()
     from threadpoolctl import threadpool_limits
 
     _limits = threadpool_limits(1)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
+from etendue.run.order import depth_first
 
 
 def run_serial(
@@ -20,7 +21,8 @@ def run_serial(
     for batch in batches:
         for number in batch.inputs:
             readers[number] = readers.get(number, 0) + 1
-    for batch in depth_first(batches):
+    by_number = {batch.number: batch for batch in batches}
+    for batch in (by_number[n] for n in depth_first(by_number, lambda n: by_number[n].inputs)):
         before(batch)
         inputs = sorted(batch.imports)
         result = run_batch(
@@ -34,21 +36,3 @@ def run_serial(
                 del finished[number]
         if readers.get(batch.number):
             finished[batch.number] = result
-
-
-def depth_first(batches: list[Batch]) -> list[Batch]:
-    """An order in which a batch stands soon behind what it reads, so that little is held."""
-    children: dict[int, list[Batch]] = {}
-    waiting = {b.number: len(b.inputs) for b in batches}
-    for batch in batches:
-        for number in batch.inputs:
-            children.setdefault(number, []).append(batch)
-    order, stack = [], [b for b in reversed(batches) if not b.inputs]
-    while stack:
-        batch = stack.pop()
-        order.append(batch)
-        for child in reversed(children.get(batch.number, [])):
-            waiting[child.number] -= 1
-            if not waiting[child.number]:
-                stack.append(child)
-    return order

@@ -70,6 +70,14 @@ class Grid:
 
     entries: tuple[tuple[str, Coordinate], ...] = ()
 
+    def __hash__(self) -> int:
+        """Taken once: grids are keys of every table, and one grid serves thousands of cells."""
+        known = self.__dict__.get("_hash")
+        if known is None:
+            known = hash(self.entries)
+            object.__setattr__(self, "_hash", known)
+        return known
+
     @classmethod
     def of(cls, coordinates: Mapping[str, Coordinate]) -> Grid:
         return cls(tuple(sorted(coordinates.items())))

@@ -123,7 +123,7 @@ def _not_toml(text: str, message: str) -> Fault:
     if "overwrite" in reason or "twice" in reason:
         hint = "; a key or a table stands twice"
     elif "newline" in reason or "Invalid value" in reason:
-        hint = "; text, and a number with a unit, stands in quotes: \"5.4 um\""
+        hint = '; text, and a number with a unit, stands in quotes: "5.4 um"'
     return Fault("", f"not valid TOML: {reason}, at: {line}{hint}", number)
 
 
@@ -297,7 +297,7 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
         seen[name] = place.partition(" ")[0]
         origin = table.get("from", {})
         if not isinstance(origin, dict) or not all(isinstance(v, str) for v in origin.values()):
-            faults.append(Fault(f"{place}.from", "expected a table of ports and stages, such as { irradiance = \"falloff\" }"))
+            faults.append(Fault(f"{place}.from", 'expected a table of ports and stages, such as { irradiance = "falloff" }'))
             origin = {}
         values = {key: v for key, v in table.items() if key not in ("use", "name", "from")}
         entries.append(StageEntry(name, use, values, origin, place))

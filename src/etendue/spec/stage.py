@@ -19,14 +19,23 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import os
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from etendue.spec.variables import Declaration, parse_declaration
 
 MISSING = dataclasses.MISSING
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def per_kind(function: _Function) -> _Function:
+    """Remember what was found out about a class."""
+    return cache(function)  # type: ignore[return-value]
+
+
 COORDINATES = frozenset(
     f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
 )
@@ -113,17 +122,17 @@ class Probe(Stage):
     """
 
 
-@cache
+@per_kind
 def reads_of(kind: type[Stage]) -> Mapping[str, Declaration]:
     return {port: parse_declaration(port, text) for port, text in kind.reads.items()}
 
 
-@cache
+@per_kind
 def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
     return {port: parse_declaration(port, text) for port, text in kind.writes.items()}
 
 
-@cache
+@per_kind
 def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]:
     """Parameter, type and default (``MISSING`` where it must be given) by name."""
     hints = typing.get_type_hints(kind)
@@ -133,7 +142,7 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
     }
 
 
-@cache
+@per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
     if not hasattr(kind, "run"):
@@ -169,3 +178,27 @@ def is_random(kind: type[Stage]) -> bool:
 def resolved_parameters(stage: Stage) -> dict[str, Any]:
     """Every parameter with its value, in declared order."""
     return {field.name: getattr(stage, field.name) for field in dataclasses.fields(stage)}
+
+
+def files_of(stage: Stage) -> dict[str, str]:
+    """Paths of the files that parameters name."""
+    values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}
+    return {
+        name: value
+        for name, (parameter, value) in values.items()
+        if isinstance(value, str) and value and (parameter.file or (parameter.table and value.endswith(".csv")))
+    }
+
+
+def file_state(path: str) -> tuple[int, int]:
+    """Time and size of a file: what is remembered of a path is forgotten when they change."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return (0, 0)
+    return (found.st_mtime_ns, found.st_size)
+
+
+def state_of(stage: Stage) -> tuple[Stage, tuple[tuple[int, int], ...]]:
+    """A stage together with the state of its files: what a cache of a process may be keyed by."""
+    return stage, tuple(file_state(path) for path in files_of(stage).values())

@@ -7,6 +7,7 @@ Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ import numpy as np
 from etendue import spectra
 from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quantity
 from etendue.physics import charts, charts_composite
+from etendue.physics.transfer import srgb_decode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +26,7 @@ class Scene(Stage):
 
     reads: ClassVar = {}
     writes: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
-    libraries: ClassVar = ("colour-science",)
+    libraries: ClassVar[tuple[str, ...]] = ("colour-science",)
     nanoseconds: ClassVar = 12.0
 
     white_luminance: float = param(units="cd m-2", above=0, doc="luminance of a perfect white diffuser in the scene")
@@ -96,6 +98,12 @@ def _softness() -> Any:
     )  # fmt: skip
 
 
+def _contrast(low: float, high: float) -> float:
+    """Of two reflectances, refused before anything is drawn if they stand the wrong way round."""
+    charts.require_levels(low, high)
+    return high / low if low > 0 else math.inf
+
+
 @dataclass(frozen=True, kw_only=True)
 class Uniform(Scene):
     """The same light everywhere."""
@@ -119,7 +127,7 @@ class SlantedEdge(Scene):
     softness: float = _softness()
 
     def known(self) -> Facts:
-        return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
+        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
@@ -137,7 +145,7 @@ class SiemensStar(Scene):
     softness: float = _softness()
 
     def known(self) -> Facts:
-        return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
+        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
@@ -156,7 +164,7 @@ class ZonePlate(Scene):
     softness: float = _softness()
 
     def known(self) -> Facts:
-        return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
+        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
@@ -194,6 +202,8 @@ class Points(Scene):
     softness: float = _softness()
 
     def known(self) -> Facts:
+        charts.require_levels(self.background, self.peak)
+        charts.require_spot_distance(self.pitch, math.hypot(self.spot_sigma, self.softness_um(self.softness)))
         return Facts(uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf)
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
@@ -247,6 +257,10 @@ class CompositeChart(_Coloured):
     margin: float = param(0.0, units="um", at_least=0, doc="mid-grey around the chart, inside width and height")
     softness: float = _softness()
 
+    def known(self) -> Facts:
+        charts.require_levels(self.low, self.high)
+        return super().known()
+
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
@@ -260,12 +274,16 @@ class CompositeChart(_Coloured):
         return {"radiance": cube, "white_radiance": white}
 
 
-@lru_cache(maxsize=4)
 def _linear_photograph(path: str, rows: int, columns: int) -> Any:
+    """What ``_read_photograph`` gives, remembered as long as the file stays as it is."""
+    state = os.stat(path)
+    return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=4)
+def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
     """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light."""
     from PIL import Image
-
-    from etendue.physics.transfer import srgb_decode
 
     with Image.open(path) as picture:
         if picture.mode in ("I;16", "I;16B", "I"):

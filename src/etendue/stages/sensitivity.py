@@ -12,19 +12,33 @@ from etendue.physics.radiometry import photons_from_energy
 
 
 class Photodiode(Protocol):
-    sensitivity: str
-    sensitivity_kind: str
-    sensitivity_per: str
-    peak_qe: tuple[float, ...]
-    surface_transmission: float
-    depletion_depth: float
-    diffusion_depth: float
-    diffusion_length: float
+    """A stage that knows its photodiode and filters."""
+
+    @property
+    def sensitivity(self) -> str: ...
+    @property
+    def sensitivity_kind(self) -> str: ...
+    @property
+    def sensitivity_per(self) -> str: ...
+    @property
+    def peak_qe(self) -> tuple[float, ...]: ...
+    @property
+    def surface_transmission(self) -> float: ...
+    @property
+    def depletion_depth(self) -> float: ...
+    @property
+    def diffusion_depth(self) -> float: ...
+    @property
+    def diffusion_length(self) -> float: ...
 
 
 class Pixel(Photodiode, Protocol):
-    pixel_pitch: float
-    aperture_fraction: float
+    """One that knows the pixel's size as well."""
+
+    @property
+    def pixel_pitch(self) -> float: ...
+    @property
+    def aperture_fraction(self) -> float: ...
 
 
 def quantum_efficiency(stage: Photodiode, edges: tuple[float, ...]) -> Any:

@@ -16,9 +16,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
+
 from etendue.physics.demosaic import bilinear
 from etendue.physics.mosaic import COLOURS, phase
-from numpy.typing import NDArray
 
 MARGIN = 2  # the kernels reach two samples far
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Stage, hookimpl, quantity
-
 from etendue_demosaic_malvar.kernel import malvar
 
 

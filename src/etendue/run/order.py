@@ -1,0 +1,27 @@
+"""An order in which everything stands soon behind what it reads, so that little is held and caches stay warm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable
+from typing import TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> list[Key]:
+    """Keys so ordered that each stands behind all it needs, and a chain is finished before its sibling is begun."""
+    known = list(keys)
+    waiting = {key: len(set(needs(key))) for key in known}
+    readers: dict[Key, list[Key]] = {}
+    for key in known:
+        for other in set(needs(key)):
+            readers.setdefault(other, []).append(key)
+    order, ready = [], [key for key in reversed(known) if not waiting[key]]
+    while ready:
+        key = ready.pop()
+        order.append(key)
+        for reader in reversed(readers.get(key, [])):
+            waiting[reader] -= 1
+            if not waiting[reader]:
+                ready.append(reader)
+    return order

@@ -1,0 +1,142 @@
+"""The house stands as it was drawn: imports point one way, every stage keeps its declaration's form, every hook is used."""
+
+import ast
+import importlib.metadata
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from etendue.registry import installed_stages
+from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "src" / "etendue"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+POINTS = PROJECT["project"]["entry-points"]["etendue.stages"]
+REGISTRY = installed_stages()
+
+
+def test_every_import_contract_holds(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()",
+         "--config", str(ROOT / "pyproject.toml"), "--no-cache"],
+        capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr
+    contracts = len(PROJECT["tool"]["importlinter"]["contracts"])
+    assert f"{contracts} kept, 0 broken" in done.stdout
+
+
+def test_no_file_is_named_after_nothing():
+    """Files are named after what they compute."""
+    names = {path.stem for path in PACKAGE.rglob("*.py")}
+    assert not names & {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
+
+
+def modules():
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if path.read_text().strip()]
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_a_file_starts_by_saying_what_it_is_about(path):
+    assert ast.get_docstring(ast.parse(path.read_text()))
+
+
+def test_no_import_stands_in_a_function_to_break_a_circle():
+    """An import of ours inside a function is there to save time at start; the doors of the house are the only places."""
+    late = {"cli.py", "__init__.py", "session.py", "testing.py"}
+    found = []
+    for path in modules():
+        if str(path.relative_to(PACKAGE)) in late or path.parent.name == "studies":
+            continue
+        for function in ast.walk(ast.parse(path.read_text())):
+            if isinstance(function, ast.FunctionDef):
+                imports = [n.module or "" for n in ast.walk(function) if isinstance(n, ast.ImportFrom)]
+                found += [f"{path.relative_to(PACKAGE)}:{function.name} {name}" for name in imports if name.startswith("etendue")]
+    assert found == []
+
+
+# -- built-in stages --------------------------------------------------------------------------------------
+
+BUILT_IN = sorted(POINTS)
+
+
+def test_the_entry_points_of_the_project_are_those_that_are_installed():
+    (distribution,) = {point.dist.name for point in importlib.metadata.entry_points(group="etendue.stages") if point.name == "uniform"}
+    installed = {p.name: p.value for p in importlib.metadata.distribution(distribution).entry_points if p.group == "etendue.stages"}
+    assert installed == POINTS
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_entry_point_loads_and_its_stage_says_what_it_is_and_how_wrong(name):
+    kind = REGISTRY.load(name)
+    assert issubclass(kind, Stage)
+    assert kind.__doc__
+    assert not kind.__doc__.startswith(f"{kind.__name__}(")  # what a dataclass writes where nobody wrote anything
+    assert callable(getattr(kind, "error", None)), f"{name} gives no error estimate"
+    assert callable(getattr(kind, "run", None)) != callable(getattr(kind, "transfer", None))
+    assert writes_of(kind)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_a_parameter_with_a_unit_or_a_range_says_so_in_its_declaration(name):
+    for key, (parameter, kind, _) in parameters_of(REGISTRY.load(name)).items():
+        assert kind in (float, int, str, bool) or str(kind).startswith("tuple"), f"{name}.{key} is a {kind}"
+        if parameter.fidelity:
+            assert parameter.reference, f"{name}.{key} names no reference"
+
+
+def test_every_variable_has_one_unit_and_one_set_of_dims():
+    """A name carries one meaning for ever: two stages cannot disagree about it."""
+    found = {}
+    for name in BUILT_IN:
+        kind = REGISTRY.load(name)
+        for declaration in [*writes_of(kind).values(), *reads_of(kind).values()]:
+            if declaration.variable.startswith("*."):
+                continue
+            stated = (declaration.dims, declaration.unit, declaration.dtype)
+            first, known = found.setdefault(declaration.variable, (name, stated))
+            assert known == stated, f"{declaration.variable} is {stated} for {name}, but {known} for {first}"
+
+
+def defines(attribute):
+    return [name for name in BUILT_IN if callable(getattr(REGISTRY.load(name), attribute, None))]
+
+
+def declares(attribute):
+    return [name for name in BUILT_IN if getattr(REGISTRY.load(name), attribute) != getattr(Stage, attribute)]
+
+
+USES = {
+    "grid": lambda: defines("grid"),
+    "prepare": lambda: defines("prepare"),
+    "transfer": lambda: defines("transfer"),
+    "negligible": lambda: defines("negligible"),
+    "carry": lambda: defines("carry"),
+    "describe": lambda: defines("describe"),
+    "error": lambda: defines("error"),
+    "warn": lambda: defines("warn"),
+    "gain": lambda: declares("gain"),
+    "negative = keep": lambda: [n for n in BUILT_IN if REGISTRY.load(n).negative == "keep"],
+    "negative = clip": lambda: [n for n in BUILT_IN if REGISTRY.load(n).negative == "clip"],
+    "nan": lambda: declares("nan") + [n for n in BUILT_IN if any(d.nan for d in writes_of(REGISTRY.load(n)).values())],
+    "libraries": lambda: declares("libraries"),
+    "fidelity": lambda: [n for n in BUILT_IN if any(p.fidelity for p, _, _ in parameters_of(REGISTRY.load(n)).values())],
+}
+
+
+@pytest.mark.parametrize("what", USES)
+def test_everything_a_stage_may_say_is_said_by_at_least_two(what):
+    """What one stage alone uses is a special case in disguise, and belongs to that stage."""
+    assert len(set(USES[what]())) >= 2
+
+
+def test_a_policy_is_one_of_those_the_engine_knows():
+    for name in BUILT_IN:
+        kind = REGISTRY.load(name)
+        assert kind.negative in ("error", "keep", "clip"), name
+        assert kind.nan in ("error", "keep"), name
+        assert kind.gain is None or kind.gain >= 0, name

@@ -1,0 +1,451 @@
+"""What an archive is to a stranger with xarray, and what it refuses."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+from etendue.archive.journal import read_journal
+from etendue.errors import ArchiveError, ArchiveInUse
+from tests.run.small import BARE, SWEEP, assert_same_archives, command, plan_of, run
+
+LOOK = """
+import sys, numpy, xarray
+tree = xarray.open_datatree(sys.argv[1], engine="zarr")
+assert "etendue" not in sys.modules
+lazy = tree["shot_noise/32x32/charge"].variable._data
+assert not isinstance(lazy, numpy.ndarray), type(lazy)
+print(float(tree["shot_noise/32x32/charge"].sel(f_number=5.6, pixel_pitch=2.6, integration_time=0.008).mean()))
+"""
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_of(SWEEP)
+
+
+@pytest.fixture(scope="module")
+def whole(plan, tmp_path_factory):
+    """A finished archive; tests that change it take a copy."""
+    folder = tmp_path_factory.mktemp("archive") / "whole"
+    outcome = run(plan, folder)
+    assert not outcome.failed
+    return folder
+
+
+@pytest.fixture
+def copy(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+@pytest.fixture(scope="module")
+def tree(whole):
+    with xarray.open_datatree(whole / "data.zarr", engine="zarr", chunks=None) as tree:
+        yield tree
+
+
+# -- to read ---------------------------------------------------------------------------------------------------
+
+
+def test_it_opens_lazily_without_a_warning_and_without_etendue(whole):
+    done = subprocess.run([sys.executable, "-W", "error", "-c", LOOK, str(whole / "data.zarr")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) > 0
+
+
+def test_every_array_says_what_it_is_and_in_which_unit(tree):
+    for node in tree.subtree:
+        for name, variable in node.dataset.variables.items():
+            where = f"{node.path}/{name}"
+            assert variable.attrs.get("long_name"), where
+            if variable.dtype.kind in "fiu":
+                assert variable.attrs.get("units"), where
+
+
+def test_a_group_with_children_holds_attributes_only(tree):
+    parents = [node for node in tree.subtree if node.children and node.path != "/"]
+    assert parents
+    for node in parents:
+        assert not node.dataset.variables, node.path
+        assert node.attrs["stage"]
+
+
+def test_pixels_are_indexed_and_their_positions_stand_beside(tree):
+    pixel = tree["pixel/32x32"]
+    np.testing.assert_array_equal(pixel["y"].values, np.arange(32))
+    assert pixel["y"].attrs["units"] == "1"
+    assert "y_um" in pixel["photon_rate"].coords
+    assert pixel["y_um"].dims == ("pixel_pitch", "y")
+    for pitch in (2.0, 2.6):
+        np.testing.assert_allclose(np.diff(pixel["y_um"].sel(pixel_pitch=pitch).values), pitch, rtol=1e-12)
+
+
+def test_wavelength_bins_have_bounds(tree):
+    for group in ("scene", "irradiance", "diffusion"):
+        data = tree[group].dataset
+        assert data["wavelength"].attrs["bounds"] == "wavelength_bounds"
+        np.testing.assert_array_equal(data["wavelength_bounds"].values, [[400, 500], [500, 600], [600, 700]])
+        np.testing.assert_array_equal(data["wavelength_bounds"].values.mean(axis=1), data["wavelength"].values)
+
+
+def test_status_is_done_or_left_out_everywhere(tree):
+    for node in tree.subtree:
+        if "status" in node and node.path != "/ledger":
+            assert set(np.ravel(node["status"].values)) <= {0, 1}, node.path
+            assert node["status"].attrs["flag_meanings"].split()[4] == "not_computed"
+
+
+def test_axes_are_those_that_reach_a_stage(tree):
+    assert tree["scene/radiance"].dims == ("wavelength", "y", "x")
+    assert tree["falloff/irradiance"].dims == ("f_number", "wavelength", "y", "x")
+    assert tree["adc/32x32/raw"].dims == ("f_number", "pixel_pitch", "integration_time", "y", "x")
+    assert tree["adc/32x32/raw"].dtype == np.uint16
+
+
+def test_a_chunk_is_one_cell(whole, plan):
+    for node in plan.nodes:
+        for variable in node.writes:
+            folders = [p for p in (whole / "data.zarr" / node.name).rglob(variable) if p.is_dir()]
+            assert len(folders) == 1
+            assert sum(1 for p in folders[0].iterdir() if p.name != "zarr.json") == len(plan.of(node.name))
+
+
+def test_every_file_of_a_cell_is_in_the_journal(whole, plan):
+    named = {file.path for entry in read_journal(whole / "journal.jsonl").values() for file in entry.files}
+    kept = {node.name for node in plan.nodes}
+    on_disk = {
+        str(p.relative_to(whole)) for p in (whole / "data.zarr").rglob("c*")
+        if p.is_file() and p.relative_to(whole).parts[1] in kept and p.parent.name in plan.node(p.relative_to(whole).parts[1]).writes
+    }  # fmt: skip
+    assert on_disk == named
+
+
+def test_it_names_no_machine_user_or_directory(whole):
+    secrets = {str(Path.home()), os.getcwd(), str(whole.parent), str(Path(sys.executable).parent), socket.gethostname(), os.environ.get("USER") or "/home/"}
+    files = [*whole.glob("runs/*.json"), *whole.rglob("zarr.json"), *(whole / n for n in ("ro-crate-metadata.json", "manifest.json", "journal.jsonl"))]
+    assert len(files) > 20
+    for path in files:
+        text = path.read_text()
+        for secret in secrets:
+            if len(secret) > 4:
+                assert secret not in text, f"{path.name} names {secret}"
+
+
+def test_a_file_parameter_is_recorded_by_content(tmp_path):
+    table = tmp_path / "camera.csv"
+    table.write_text("wavelength_nm,R,G,B\n" + "".join(f"{w},{0.1 + w / 4000},{0.2},{0.3}\n" for w in range(380, 781, 10)))
+    plan = plan_of({"camera.sensitivity": str(table), "wanted": ["pixel"]}, BARE)
+    run(plan, tmp_path / "a")
+    record = (tmp_path / "a" / "runs" / "0001.json").read_text()
+    assert str(tmp_path) not in record
+    (kept,) = (tmp_path / "a" / "inputs").iterdir()
+    assert kept.read_bytes() == table.read_bytes()
+    assert json.loads(record)["camera"]["sensitivity"] == f"sha256:{kept.stem}"
+
+
+def test_records_are_strict_json_even_with_an_infinite_parameter(tmp_path):
+    plan = plan_of({"camera.diffusion_length": "inf", "wanted": ["pixel"]})
+    run(plan, tmp_path / "a")
+
+    def refuse(text):
+        raise AssertionError(text)
+
+    for path in (tmp_path / "a").rglob("*.json"):
+        if "data.zarr" not in path.parts:  # fill values of zarr's own metadata are words already
+            json.loads(path.read_text(), parse_constant=refuse)
+
+
+# -- to resume -------------------------------------------------------------------------------------------------
+
+
+def test_it_resumes_where_it_was_copied_to(copy, plan):
+    assert run(plan, copy).computed == 0
+
+
+def test_a_missing_chunk_is_computed_again_and_that_is_said(copy, whole, plan):
+    next((copy / "data.zarr/shot_noise/32x32/charge").glob("c.*")).unlink()
+    again = run(plan, copy)
+    assert {r.stage for r in again.reports.values() if r.status == "done"} == {"shot_noise"}
+    assert again.computed == 1
+    assert again.reasons == {"shot_noise": "1 stored cell is missing or damaged on disk"}
+    assert_same_archives(copy, whole)
+
+
+def test_a_flipped_bit_is_found_on_reading_and_when_the_run_goes_on(copy, whole, plan):
+    path = copy / "data.zarr/pixel/32x32/photon_rate/c.1.1.0.0.0"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 8
+    path.write_bytes(data)
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree, pytest.raises(ValueError, match="checksum"):
+        tree["pixel/32x32/photon_rate"].load()
+    assert run(plan, copy).computed == 1
+    assert_same_archives(copy, whole)
+
+
+def test_a_torn_last_line_counts_as_absent(copy, whole, plan):
+    journal = copy / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[:-1]) + lines[-1][: len(lines[-1]) // 2])
+    assert run(plan, copy).computed > 0
+    assert_same_archives(copy, whole)
+    assert all(json.loads(line) for line in journal.read_text().splitlines())
+
+
+def test_done_with_another_key_is_not_done(copy, whole, plan):
+    journal = copy / "journal.jsonl"
+    lines = [json.loads(line) for line in journal.read_text().splitlines()]
+    changed = next(line for line in lines if line["event"] == "done" and line["cell"].startswith("sharpen"))
+    changed["key"] = "0" * 32
+    journal.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert run(plan, copy).computed == 1
+    assert_same_archives(copy, whole)
+
+
+def test_done_before_a_later_start_is_not_done(copy, plan):
+    """The chunks may have been overwritten since."""
+    journal = copy / "journal.jsonl"
+    done = next(line for line in map(json.loads, journal.read_text().splitlines()) if line["event"] == "done" and line["cell"].startswith("adc"))
+    with journal.open("a") as handle:
+        handle.write(json.dumps({"event": "start", "cell": done["cell"], "key": "1" * 32}) + "\n")
+    assert run(plan, copy).computed == 1
+
+
+def test_a_deleted_journal_trusts_no_file(copy, whole, plan):
+    (copy / "journal.jsonl").unlink()
+    assert run(plan, copy).computed == len(plan.cells)
+    assert_same_archives(copy, whole)
+
+
+def test_leftovers_of_a_killed_run_are_swept(copy, plan):
+    root = copy / "data.zarr/zarr.json"
+    document = json.loads(root.read_text())
+    del document["consolidated_metadata"]  # as a run that was killed leaves it
+    root.write_text(json.dumps(document))
+    (copy / "data.zarr/adc/32x32/raw/.c.0.0.0.0.0.12.34.partial").write_bytes(b"half")
+    run(plan, copy)
+    assert not list(copy.rglob("*.partial"))
+
+
+# -- to change -------------------------------------------------------------------------------------------------
+
+
+def test_values_that_left_the_sweep_do_not_read_as_its_results(copy):
+    less = plan_of({**SWEEP, "sweep.f_number": [5.6]})
+    assert run(less, copy).computed == 0
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
+        assert tree["diffraction/f_number"].values.tolist() == [2.0, 5.6]
+        for path, name in (("diffraction", "irradiance"), ("sharpen/32x32", "rgb_camera")):
+            assert np.isnan(tree[f"{path}/{name}"].sel(f_number=2).values).all()
+            assert np.isfinite(tree[f"{path}/{name}"].sel(f_number=5.6).values).all()
+            assert (tree[f"{path}/status"].sel(f_number=2).values == 4).all()
+            assert (tree[f"{path}/status"].sel(f_number=5.6).values <= 1).all()
+
+
+def test_a_sweep_that_shrank_and_grew_again_equals_a_fresh_one(copy, whole, plan):
+    run(plan_of({**SWEEP, "sweep.f_number": [5.6], "sharpen.strength": 0.4}), copy)
+    run(plan, copy)
+    assert_same_archives(copy, whole, frames=False)
+
+
+def test_a_value_put_in_between_stays_behind_and_is_marked(copy, tmp_path):
+    between = plan_of({**SWEEP, "sweep.f_number": [2, 4, 5.6]})
+    run(between, copy)
+    run(between, tmp_path / "fresh")
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as grown, xarray.open_datatree(
+        tmp_path / "fresh" / "data.zarr", engine="zarr", chunks=None
+    ) as fresh:
+        assert grown["adc/32x32/f_number"].values.tolist() == [2.0, 5.6, 4.0]
+        assert "sort" in grown["adc/32x32/f_number"].attrs["order"]
+        for path in ("diffraction", "pixel/32x32", "adc/32x32"):
+            xarray.testing.assert_equal(grown[path].to_dataset().sortby("f_number"), fresh[path].to_dataset())
+
+
+def test_what_is_no_longer_kept_is_no_longer_there(copy, tmp_path):
+    less = plan_of({**SWEEP, "keep": ["radiance", "pixel", "resolution.mtf50"]})
+    run(less, copy)
+    run(less, tmp_path / "fresh")
+    assert not (copy / "data.zarr/scene/white_radiance").exists()
+    assert_same_archives(copy, tmp_path / "fresh", frames=False)
+
+
+def test_another_frame_size_replaces_the_old_one(copy, tmp_path):
+    smaller = plan_of({**SWEEP, "pixel.rows": 24})
+    run(smaller, copy)
+    run(smaller, tmp_path / "fresh")
+    assert not (copy / "data.zarr/pixel/32x32").exists()
+    assert_same_archives(copy, tmp_path / "fresh")
+
+
+def test_another_precision_replaces_the_arrays(copy, tmp_path):
+    double = plan_of({**SWEEP, "precision": "float64" if plan_of(SWEEP).precision == "float32" else "float32"})
+    run(double, copy)
+    run(double, tmp_path / "fresh")
+    assert_same_archives(copy, tmp_path / "fresh")
+
+
+FIXED = {"pixel.rows": 0, "pixel.columns": 0, "pixel.sensor_height": "0.06 mm", "pixel.sensor_width": "0.08 mm"}
+
+
+def test_a_sensor_of_fixed_size_has_a_child_for_each_shape(tmp_path):
+    run(plan_of({**SWEEP, **FIXED}), tmp_path / "a")
+    with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as tree:
+        assert set(tree["pixel"].children) == {"30x40", "23x30"}
+        assert tree["pixel/30x40/photon_rate"].sizes == {"f_number": 2, "pixel_pitch": 1, "channel": 3, "y": 30, "x": 40}
+        assert tree["pixel/30x40/pixel_pitch"].values.tolist() == [2.0]
+        assert tree["pixel/23x30/pixel_pitch"].values.tolist() == [2.6]
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        {"sweep.scene.bin_width": ["100 nm", "50 nm"]},
+        {"sweep.scene.spacing": ["1 um", "0.5 um"]},
+        {"sweep.scene.centre_y": ["0 mm", "1 mm"]},
+    ],
+    ids=str,
+)
+def test_axes_that_change_sizes_bins_or_positions_keep_them_apart(tmp_path, axis):
+    plan = plan_of({**axis, "wanted": ["diffraction.irradiance", "pixel"]})
+    run(plan, tmp_path / "a")
+    seen = 0
+    with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as tree:
+        for cell in plan.of("diffraction"):
+            (value,) = plan.labels(cell.ref).values()
+            grid = cell.grids["irradiance"]
+            (dim,) = plan.labels(cell.ref)
+            for node in tree["diffraction"].subtree:
+                if dim in node.coords and value in node[dim].values.tolist():
+                    own = node.dataset.sel({dim: value})
+                    seen += 1
+                    assert own["irradiance"].shape == grid.shape(("wavelength", "y", "x"))
+                    np.testing.assert_array_equal(own["wavelength"].values, grid["wavelength"].values())
+                    positions = own["y_um"] if "y_um" in own else own["y"]
+                    np.testing.assert_allclose(positions.values, grid.line("y").values())
+                    assert own["status"].item() <= 1
+    assert seen == 2
+
+
+def test_bins_of_the_same_number_at_other_wavelengths_do_not_share_a_group(tmp_path):
+    plan = plan_of({"sweep.scene.use": [{"use": "composite", "label": "low"}, {"use": "composite", "label": "high", "wavelength_from": "430 nm", "wavelength_to": "730 nm"}], "wanted": ["scene"]})
+    run(plan, tmp_path / "a")
+    with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as tree:
+        first = {node["scene"].values.tolist()[0]: node["wavelength"].values[0] for node in tree["scene"].children.values()}
+    assert first == {"low": 450.0, "high": 480.0}
+
+
+# -- to refuse -------------------------------------------------------------------------------------------------
+
+
+def contents(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_a_directory_that_is_no_archive_is_refused_untouched(tmp_path, plan):
+    (tmp_path / "thesis.tex").write_text("words")
+    with pytest.raises(ArchiveError, match="--archive"):
+        run(plan, tmp_path)
+    assert contents(tmp_path) == {"thesis.tex": b"words"}
+
+
+def test_somebody_elses_store_is_refused_untouched(tmp_path, plan):
+    xarray.Dataset({"mine": ("x", [1.0, 2.0])}).to_zarr(tmp_path / "data.zarr", zarr_format=3, consolidated=False)
+    before = contents(tmp_path)
+    with pytest.raises(ArchiveError, match="not an archive"):
+        run(plan, tmp_path)
+    assert contents(tmp_path) == before
+
+
+def test_a_file_is_refused(tmp_path, plan):
+    (tmp_path / "a").write_text("")
+    with pytest.raises(ArchiveError, match="not an archive"):
+        run(plan, tmp_path / "a")
+
+
+@pytest.mark.parametrize("other", [{"sweep.sharpen.strength": [0.1, 0.2]}, {"wanted": ["raw"]}], ids=["an axis more", "stages less"])
+def test_other_stages_or_axes_are_refused_with_a_way_out_and_nothing_changes(copy, other):
+    before = contents(copy)
+    with pytest.raises(ArchiveError, match=r"other stages or axes.*--archive copy-2"):
+        run(plan_of({**SWEEP, **other}), copy)
+    assert contents(copy) == before
+
+
+def test_another_platform_is_refused_and_nothing_changes(copy, plan, monkeypatch):
+    from etendue.archive import provenance
+
+    there = {**provenance.platform_record(), "cpu_features": "another"}
+    monkeypatch.setattr(provenance, "platform_record", lambda: there)
+    before = contents(copy)
+    with pytest.raises(ArchiveError, match="--accept-platform"):
+        run(plan, copy)
+    assert contents(copy) == before
+    assert run(plan, copy, accept_platform=True).computed == 0
+
+
+def test_an_archive_in_use_is_refused(copy, plan):
+    handle = os.open(copy / "lock", os.O_RDWR)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        with pytest.raises(ArchiveInUse, match="in use"):
+            run(plan, copy)
+        (copy.parent / "small.toml").write_text(BARE)
+        done = command("run", copy.parent / "small.toml", "--archive", copy)
+        assert done.returncode == 4
+        assert "in use" in done.stderr
+    finally:
+        os.close(handle)
+    assert run(plan, copy).computed == 0
+
+
+def test_of_two_runs_at_once_one_is_refused(tmp_path, plan):
+    ends = []
+
+    def attempt():
+        try:
+            ends.append(len(run(plan, tmp_path / "a").failed))
+        except ArchiveInUse:
+            ends.append("refused")
+
+    threads = [threading.Thread(target=attempt) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert ends.count("refused") == 1
+    assert ends.count(0) == 1
+
+
+def test_a_run_whose_archive_is_taken_over_stops(copy, plan, monkeypatch):
+    """On a file system without locks another run may write its id: no chunk is written after that."""
+    from etendue.archive.store import Archive
+
+    reported = Archive.reported
+
+    def taken(self, reports):
+        (copy / "run.id").write_text("another")
+        return reported(self, reports)
+
+    monkeypatch.setattr(Archive, "reported", taken)
+    with pytest.raises(ArchiveInUse, match="another run"):
+        run(plan, copy, recompute=True, batch_seconds=0.0)
+
+
+def test_an_archive_of_another_owner_that_cannot_be_written_is_the_machines_fault(tmp_path, plan):
+    if os.geteuid() == 0:
+        pytest.skip("root may write anywhere")
+    (tmp_path / "closed").mkdir(mode=0o500)
+    from etendue.errors import MachineError
+
+    with pytest.raises(MachineError, match="cannot be written"):
+        run(plan, tmp_path / "closed" / "a")

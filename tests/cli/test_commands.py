@@ -1,0 +1,366 @@
+"""The command line: results on stdout, notes and progress on stderr, JSON without NaN, nothing imported in vain."""
+
+import json
+import math
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+from etendue.cli import _plain, main
+from etendue.report.terminal import short_axes
+
+SMALL = """
+name = "small"
+[camera]
+peak_qe = [0.36, 0.44, 0.40]
+[[stages]]
+use = "slanted_edge"
+name = "scene"
+white_luminance = "1000 cd m-2"
+width = "40 um"
+height = "40 um"
+bin_width = "100 nm"
+[[stages]]
+use = "irradiance"
+[[stages]]
+use = "lens_gaussian"
+name = "blur"
+[[stages]]
+use = "falloff"
+[[stages]]
+use = "pixel"
+rows = 4
+columns = 4
+[[stages]]
+use = "lens_numbers"
+[[stages]]
+use = "dynamic_range"
+[[stages]]
+use = "resolution"
+[sweep]
+f_number = [2, 4]
+pixel_pitch = ["3 um", "5 um"]
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL)
+    return "small.toml"
+
+
+def strict(text):
+    """JSON as the standard has it: NaN and Infinity are no JSON."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def etendue(*arguments, cwd=None, env=None):
+    return subprocess.run(
+        [sys.executable, "-m", "etendue", *arguments], capture_output=True, text=True, cwd=cwd, env={**os.environ, **(env or {})}
+    )
+
+
+@pytest.fixture
+def inside(capsys):
+    """Run a command in this process: (exit code, stdout, stderr)."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments, prog_name="etendue")
+        captured = capsys.readouterr()
+        return stopped.value.code or 0, captured.out, captured.err
+
+    return call
+
+
+# -- what is imported -------------------------------------------------------------------------------------
+
+
+def imported(arguments, cwd):
+    """Modules in the process after a command."""
+    script = (
+        "import sys\nfrom etendue.cli import main\ntry:\n    main(sys.argv[1:], prog_name='etendue')\n"
+        "except SystemExit as stop:\n    print(stop.code or 0, *sys.modules, file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, cwd=cwd)
+    code, *modules = done.stderr.splitlines()[-1].split()
+    return int(code), set(modules)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["run", "--help"], ["plan", "--help"], ["--version"]], ids=" ".join)
+def test_help_costs_no_import_of_arrays_or_drawing(arguments, tmp_path):
+    code, modules = imported(arguments, tmp_path)
+    assert code == 0
+    assert not modules & {"numpy", "scipy", "xarray", "dask", "zarr", "colour", "matplotlib", "rich", "pluggy", "PIL"}
+
+
+def test_planning_imports_no_scheduler_no_archive_and_no_colour_science(file, tmp_path):
+    code, modules = imported(["plan", file], tmp_path)
+    assert code == 0
+    assert "etendue.plan.planner" in modules
+    assert not modules & {"dask", "zarr", "colour", "xarray", "matplotlib", "etendue.session", "etendue.run.parallel"}
+
+
+# -- documents --------------------------------------------------------------------------------------------
+
+STAGE_FIELDS = {"name", "use", "distribution", "axes", "cells", "left_out", "bytes", "seconds"}
+
+
+def test_the_plan_as_json_has_its_fields(file, inside):
+    code, out, err = inside("plan", file, "--json", "--tolerance", "0.1")
+    document = strict(out)
+    assert (code, err) == (0, "")
+    assert {"stages", "cells", "naive_cells", "bytes", "peak_memory"} <= set(document)
+    for stage in document["stages"]:
+        assert STAGE_FIELDS <= set(stage)
+    by_name = {stage["name"]: stage for stage in document["stages"]}
+    assert by_name["pixel"]["axes"] == ["f_number", "pixel_pitch"]
+    assert by_name["scene"]["left_out"] is None
+    assert {"cells", "of", "bound", "why"} <= set(by_name["falloff"]["left_out"])
+    assert sum(stage["cells"] for stage in document["stages"]) == document["cells"]
+
+
+def test_a_run_as_json_has_its_fields_and_names_what_it_wrote(file, inside, tmp_path):
+    code, out, err = inside("run", file, "--json", "--archive", "kept")
+    document = strict(out)
+    assert (code, err) == (0, "")
+    assert {"stages", "archive", "store", "computed", "reused", "failed", "seconds", "pictures"} <= set(document)
+    for stage in document["stages"]:
+        assert STAGE_FIELDS | {"error"} <= set(stage)
+    assert (tmp_path / document["archive"]).samefile(tmp_path / "kept")
+    assert (tmp_path / document["store"]).samefile(tmp_path / "kept" / "data.zarr")
+    assert document["computed"] == sum(stage["cells"] for stage in document["stages"])
+    assert (document["reused"], document["failed"]) == (0, 0)
+    assert document["pictures"]
+    assert all((tmp_path / picture).is_file() for picture in document["pictures"])
+    again = strict(inside("run", file, "--json", "--archive", "kept")[1])
+    assert (again["computed"], again["reused"]) == (0, document["computed"])
+
+
+def test_the_stages_as_json_have_their_fields(inside):
+    code, out, err = inside("stages", "--json")
+    documents = strict(out)
+    assert (code, err) == (0, "")
+    assert len(documents) > 30
+    for document in documents:
+        assert {"name", "distribution", "version", "reads", "writes", "parameters"} <= set(document)
+    shot_noise = next(d for d in documents if d["name"] == "shot_noise")
+    assert shot_noise["reads"] == {"expected_charge": "expected_charge: y x [electron]"}
+    assert shot_noise["parameters"]["exact_below"]["units"] == "electron"
+
+
+def test_what_is_not_known_is_null_and_what_has_no_end_is_text():
+    document = {"a": [math.nan, (1.5, math.inf)], "b": -math.inf, 3: {"c": None}}
+    assert strict(json.dumps(_plain(document))) == {"a": [None, [1.5, "inf"]], "b": "-inf", "3": {"c": None}}
+
+
+def test_an_axis_that_holds_infinity_is_still_json(file, inside):
+    tail = ["--sweep", "diffusion_length=20,inf", "--want", "photon_rate", "--json"]
+    document = strict(inside("plan", file, *tail)[1])
+    assert next(axis for axis in document["axes"] if axis["name"] == "diffusion_length")["values"] == [20.0, "inf"]
+
+
+# -- options ----------------------------------------------------------------------------------------------
+
+
+def planned(inside, file, *options):
+    code, out, err = inside("plan", file, "--json", *options)
+    assert (code, err) == (0, ""), out + err
+    return strict(out)
+
+
+def values(document):
+    return {axis["name"]: axis["values"] for axis in document["axes"]}
+
+
+def test_set_replaces_a_value_and_the_axis_that_swept_it(file, inside):
+    document = planned(inside, file, "--set", "camera.f_number=8", "--set", "blur.sigma=500 nm", "--set", "seed=7")
+    assert values(document) == {"pixel_pitch": [3.0, 5.0]}
+
+
+def test_sweep_adds_or_replaces_an_axis(file, inside):
+    texts = ["f_number=1.4,2,2.8", "blur.sigma=0.5 um, 1 um", "focal_length=[5, '7 mm']"]
+    document = planned(inside, file, *(part for text in texts for part in ("--sweep", text)))
+    assert values(document) == {
+        "f_number": [1.4, 2.0, 2.8], "pixel_pitch": [3.0, 5.0], "blur.sigma": [0.5, 1.0], "focal_length": [5.0, 7.0],
+    }  # fmt: skip
+    document = planned(inside, file, "--sweep", "f_number={ from = 2, to = 8, steps = 3, spacing = 'log' }")
+    assert values(document)["f_number"] == [2.0, 4.0, 8.0]
+
+
+def test_sweep_swaps_stages(file, inside):
+    document = planned(inside, file, "--sweep", "blur.use=lens_gaussian,diffraction")
+    blur = next(stage for stage in document["stages"] if stage["name"] == "blur")
+    assert blur["use"] == ["lens_gaussian", "diffraction"]
+    assert "blur.use" in blur["axes"]
+
+
+def test_want_computes_this_and_what_it_needs(file, inside):
+    document = planned(inside, file, "--want", "airy_diameter")
+    assert [stage["name"] for stage in document["stages"]] == ["lens_numbers"]
+    document = planned(inside, file, "--want", "blur.irradiance,lens_numbers")
+    assert [stage["name"] for stage in document["stages"]] == ["scene", "irradiance", "blur", "lens_numbers"]
+
+
+def test_tolerance_decides_what_is_left_out_and_nothing_left_out_forbids_it(file, inside):
+    def left_out(*options):
+        return [stage["name"] for stage in planned(inside, file, *options)["stages"] if stage["left_out"]]
+
+    assert left_out("--tolerance", "0") == []
+    assert left_out("--tolerance", "0.1") == ["falloff"]
+    assert left_out("--tolerance", "0.1", "--nothing-left-out") == []
+
+
+@pytest.mark.parametrize(
+    ("options", "fragment"),
+    [
+        (["--set", "f_number"], "expected name=value"),
+        (["--set", "f_number=4"], "a camera quantity is camera.f_number"),
+        (["--set", "blurr.sigma=1"], "did you mean 'blur'?"),
+        (["--set", "camera.f_number=wide"], "'wide' is not a number"),
+        (["--sweep", "f_nubmer=1,2"], "did you mean 'f_number'?"),
+        (["--sweep", "f_number="], "expected a number"),
+        (["--want", "airy"], "did you mean 'airy_diameter'?"),
+        (["--tolerance", "all"], "expected a number of at least 0 and below 1"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_wrong_option_is_a_fault_like_one_in_the_file(file, inside, options, fragment):
+    code, out, err = inside("plan", file, *options)
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert fragment in err
+    code, out, err = inside("plan", file, *options, "--json")
+    assert (code, err) == (2, "")
+    assert fragment in strict(out)["faults"][0]["message"]
+
+
+def test_a_scheduler_that_does_not_exist_is_refused_before_an_archive_exists(file, inside, tmp_path):
+    code, out, err = inside("run", file, "--scheduler", "thread")
+    assert (code, out) == (2, "")
+    assert "did you mean 'threads'?" in err
+    assert not (tmp_path / "small").exists()
+
+
+# -- streams ----------------------------------------------------------------------------------------------
+
+
+def test_as_a_module_it_is_the_same_command(file, tmp_path):
+    done = etendue("plan", file, cwd=tmp_path)
+    assert done.returncode == 0
+    assert "pixel" in done.stdout
+    assert etendue("no-such-command").returncode == 2
+
+
+def test_stdout_carries_results_and_stderr_notes_and_no_progress_where_it_is_no_terminal(file, tmp_path):
+    done = etendue("run", file, "--set", "camera.f_number=1", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "cells computed" in done.stdout
+    assert "note:" not in done.stdout
+    notes = done.stderr.splitlines()
+    assert notes
+    assert all(line.startswith("note: ") for line in notes)
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+def test_progress_is_drawn_on_a_terminal_and_not_when_asked_to_be_quiet(file, tmp_path):
+    def drawn(*options):
+        """What arrives on stderr when that is a terminal."""
+        ours, theirs = pty.openpty()
+        child = subprocess.Popen(
+            [sys.executable, "-m", "etendue", "run", file, "--archive", f"a{len(options)}", *options],
+            cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=theirs, env={**os.environ, "TERM": "xterm"},
+        )  # fmt: skip
+        os.close(theirs)
+        seen = b""
+        while True:
+            try:
+                part = os.read(ours, 65536)
+            except OSError:  # the terminal is gone with the child
+                break
+            if not part:
+                break
+            seen += part
+        os.close(ours)
+        assert child.stdout is not None
+        out = child.stdout.read()
+        child.stdout.close()
+        assert child.wait() == 0
+        assert b"\x1b" not in out
+        return seen.decode()
+
+    assert "cells" in drawn()
+    assert drawn("--quiet") == ""
+
+
+@pytest.mark.parametrize("command", ["plan small.toml", "stages", "stages pixel", "run small.toml", "show small"])
+def test_tables_fit_eighty_columns_and_cut_no_name(file, tmp_path, command):
+    command = command.split()
+    if command[0] == "show":
+        etendue("run", file, cwd=tmp_path)
+    done = etendue(*command, cwd=tmp_path, env={"COLUMNS": "80"})
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
+    unbroken = ("open it:", "archive ", "contact sheet ", "contact_sheet ")  # for copying
+    assert max(len(line.rstrip()) for line in lines if not line.startswith(unbroken)) <= 80
+    first_words = {line.split()[0] for line in lines if line.strip()}
+    if command[0] != "stages":
+        names = {"scene", "irradiance", "blur", "falloff", "pixel", "lens_numbers", "dynamic_range", "resolution"}
+        assert names <= {word.partition("/")[0] for word in first_words}
+    elif len(command) == 1:
+        assert {"demosaic_colour_difference", "exposure_report", "slanted_edge"} <= first_words
+    else:
+        assert {"aperture_fraction", "surface_transmission", "window_columns"} <= first_words
+
+
+def test_short_names_of_axes_are_unique():
+    keys = ["f_number", "pixel_pitch", "integration_time", "demosaic.use", "sharpen.strength"]
+    assert list(short_axes(keys).values()) == ["f_number", "pitch", "time", "demosaic", "strength"]
+    assert list(short_axes(["a.strength", "b.strength"]).values()) == ["a.strength", "b.strength"]
+    assert list(short_axes(["depletion_depth", "diffusion_depth"]).values()) == ["depletion_depth", "diffusion_depth"]
+
+
+# -- stages and show --------------------------------------------------------------------------------------
+
+
+def test_one_stage_is_shown_in_full(inside):
+    code, out, _ = inside("stages", "uniform")
+    assert code == 0
+    for text in ("The same light everywhere.", "radiance: wavelength y x [W m-2 sr-1 nm-1]", "white_luminance", "required", "the spacing"):
+        assert text in out
+    (document,) = strict(inside("stages", "uniform", "--json")[1])
+    assert document["parameters"]["white_luminance"]["required"] is True
+
+
+def test_a_stage_that_is_not_installed_is_named_with_the_nearest(inside):
+    code, out, err = inside("stages", "unifrom")
+    assert (code, out) == (2, "")
+    assert "did you mean 'uniform'?" in err
+
+
+def test_show_says_what_is_in_an_archive(file, inside):
+    inside("run", file, "--json")
+    code, out, err = inside("show", "small")
+    assert (code, err) == (0, "")
+    for text in ("pipeline small", "axis f_number", "photon_rate", "4 done", "xarray.open_datatree('small/data.zarr', engine='zarr')"):
+        assert text in out
+    document = strict(inside("show", "small", "--json")[1])
+    assert document["axes"] == {"f_number": [2.0, 4.0], "pixel_pitch": [3.0, 5.0]}
+
+
+@pytest.mark.parametrize("folder", [".", "nowhere", "small.toml"])
+def test_show_of_anything_else_is_a_wrong_request(file, inside, folder):
+    code, out, err = inside("show", folder)
+    assert (code, out) == (2, "")
+    assert "not an archive" in err
+    code, out, err = inside("show", folder, "--json")
+    assert (code, err) == (2, "")
+    assert "not an archive" in strict(out)["faults"][0]["message"]

@@ -1,0 +1,134 @@
+"""Plugins that are broken or clash fail only what uses them. They are installed as a folder on PYTHONPATH."""
+
+import json
+import os
+import subprocess
+import sys
+from textwrap import dedent
+
+import pytest
+
+MODULE = """
+from dataclasses import dataclass
+from etendue.api import Stage, hookimpl
+
+@dataclass(frozen=True, kw_only=True)
+class Twice(Stage):
+    '''Twice the light.'''
+    reads = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    def run(self, irradiance):
+        return {"irradiance": 2 * irradiance}
+
+@hookimpl
+def etendue_stages():
+    return {"twice": Twice}
+"""
+
+
+def install(folder, distribution, module, source, *names):
+    """A distribution with entry points, as pip would leave it."""
+    info = folder / f"{distribution}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[etendue.stages]\n" + "".join(f"{name} = {module}\n" for name in names))
+    (folder / f"{module}.py").write_text(dedent(source))
+
+
+@pytest.fixture
+def etendue(tmp_path):
+    def call(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "etendue", *arguments], cwd=tmp_path, capture_output=True, text=True,
+            env={**os.environ, "PYTHONPATH": str(tmp_path / "plugins"), "COLUMNS": "200"},
+        )  # fmt: skip
+
+    return call
+
+
+def pipeline(folder, *uses):
+    text = '[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = "100 nm"\n'
+    (folder / "file.toml").write_text(text + "".join(f'[[stages]]\nuse = "{use}"\n' for use in ("irradiance", *uses)))
+    return "file.toml"
+
+
+BROKEN = {
+    "raises": ("raise RuntimeError('no driver')", "RuntimeError: no driver"),
+    "has_no_hook": ("x = 1", "has no @hookimpl etendue_stages"),
+    "is_another": (MODULE.replace('"twice"', '"thrice"'), "KeyError: 'twice'"),
+    "has_no_declaration": (MODULE.replace("wavelength y x [W m-2 nm-1]", "wavelength y x"), "cannot read the declaration"),
+    "takes_anything": (MODULE.replace("self, irradiance", "self, **anything"), "name every input"),
+    "asks_for_more": (MODULE.replace("self, irradiance", "self, irradiance, radiance"), "asks for radiance"),
+    "is_no_stage": (MODULE.replace('{"twice": Twice}', '{"twice": 3}'), "is not a valid stage"),
+    "exits": ("import sys; sys.exit(7)", "SystemExit"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_plugin_fails_only_what_uses_it_and_is_listed_as_broken(etendue, tmp_path, case):
+    source, reason = BROKEN[case]
+    install(tmp_path / "plugins", "twice-light", "twice_light", source, "twice")
+    used = etendue("plan", pipeline(tmp_path, "twice"))
+    assert (used.returncode, used.stdout) == (2, "")
+    assert "Traceback" not in used.stderr
+    assert len(used.stderr.splitlines()) == 1
+    for text in ("file.toml:", "stages[3] twice", "twice-light 1.0", reason):
+        assert text in used.stderr
+    listed = etendue("stages", "--json")
+    assert listed.returncode == 0
+    (broken,) = [document for document in json.loads(listed.stdout) if "broken" in document]
+    assert broken["name"] == "twice"
+    assert reason in broken["broken"]
+
+
+def test_beside_a_broken_plugin_everything_else_goes_on(etendue, tmp_path):
+    install(tmp_path / "plugins", "twice-light", "twice_light", "raise RuntimeError('no driver')", "twice")
+    assert etendue("plan", pipeline(tmp_path, "falloff")).returncode == 0
+    listed = etendue("stages")
+    assert listed.returncode == 0
+    assert any(line.startswith("broken: twice: ") and "no driver" in line for line in listed.stdout.splitlines())
+
+
+def test_a_working_plugin_is_found_listed_and_planned(etendue, tmp_path):
+    install(tmp_path / "plugins", "twice-light", "twice_light", MODULE, "twice")
+    document = json.loads(etendue("plan", pipeline(tmp_path, "twice"), "--json").stdout)
+    assert document["stages"][-1]["distribution"] == "twice-light"
+    assert "Twice the light." in etendue("stages", "twice").stdout
+
+
+def test_two_distributions_that_offer_one_name_are_a_fault_naming_both(etendue, tmp_path):
+    install(tmp_path / "plugins", "twice-light", "twice_light", MODULE, "twice")
+    install(tmp_path / "plugins", "more-light", "more_light", MODULE, "twice")
+    used = etendue("plan", pipeline(tmp_path, "twice"))
+    assert used.returncode == 2
+    assert "more-light" in used.stderr
+    assert "twice-light" in used.stderr
+    assert etendue("plan", pipeline(tmp_path)).returncode == 0
+    listed = etendue("stages", "twice").stdout
+    assert "more-light" in listed
+    assert "twice-light" in listed
+
+
+def test_a_plugin_may_not_take_the_name_of_a_built_in_stage_unseen(etendue, tmp_path):
+    install(tmp_path / "plugins", "my-optics", "my_optics", MODULE.replace('"twice"', '"falloff"'), "falloff")
+    used = etendue("plan", pipeline(tmp_path, "falloff"))
+    assert used.returncode == 2
+    assert "my-optics" in used.stderr
+    assert "etendue" in used.stderr
+
+
+def test_the_same_distribution_found_twice_is_no_clash(tmp_path):
+    """A folder that stands twice on the path, as with an editable installation beside its own sources."""
+    install(tmp_path / "plugins", "twice-light", "twice_light", MODULE, "twice")
+    done = subprocess.run(
+        [sys.executable, "-m", "etendue", "plan", pipeline(tmp_path, "twice")], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "plugins"), str(tmp_path / "plugins" / ".." / "plugins")])},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("use", ["no such stage", "../twice", "twice\\u0000"])
+def test_a_name_that_cannot_be_a_stage_is_a_fault(etendue, tmp_path, use):
+    done = etendue("plan", pipeline(tmp_path, use))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,266 @@
+"""Stages that break their own declaration, each in one way. In a module of their own, so that they can be pickled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import RGB, Bands, Facts, Grid, Line, Stage, param
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sound(Stage):
+    """The stage that the others are spoilt copies of."""
+
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+    strength: float = param(1.1, above=0, at_most=10, doc="factor on everything")
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge * charge.dtype.type(self.strength)}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return facts["charge"].scaled(self.strength)
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (2e-7 if precision == "float32" else 1e-15), "proved"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transposed(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge.T}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Undeclared(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge, "by_the_way": charge}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mutating(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        charge *= 2
+        return {"charge": charge}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForcedMutating(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        charge.flags.writeable = True
+        charge += 1
+        return {"charge": charge.copy()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class UndefinedInTheDark(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge / charge.max()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrashingOnOnePixel(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge + charge[1, 1]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseError(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        far = charge.dtype.type(1e8)
+        return {"charge": (charge + far) - far}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonsenseError(Sound):
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return 1e-6, "guessed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseGain(Sound):
+    gain: ClassVar = 1.0
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge * 3 - charge.mean() * 2}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return Facts()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseGainByPattern(Sound):
+    """Random errors average out; errors that alternate add up."""
+
+    gain: ClassVar = 1.0
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        padded = np.pad(charge, 1, mode="edge")
+        around = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+        return {"charge": charge * 1.2 - around * 0.05}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return Facts()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseRange(Sound):
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return facts["charge"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalselyUniform(Sound):
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return Facts(uniform=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NotNegligible(Sound):
+    def negligible(self, facts: Any, grid: Any) -> tuple[float, str]:
+        return 1e-3, "it is said to do little"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Greedy(Sound):
+    def run(self, *arrays: Any) -> dict[str, Any]:
+        return {"charge": arrays[0]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curious(Sound):
+    def run(self, charge: Any, weather: Any) -> dict[str, Any]:
+        return {"charge": charge * weather}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoValue(Sound):
+    __hash__ = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BareParameter(Sound):
+    size: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DefaultOutOfRange(Sound):
+    size: float = param(-1.0, units="um", above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherUnit(Sound):
+    pixel_pitch: float = param(5.4e-3, units="mm", above=0, camera=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remembering(Sound):
+    seen: ClassVar[list[float]] = []
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        self.seen.append(float(charge.max()))
+        return {"charge": charge + len(self.seen)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unseeded(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge + np.random.default_rng().uniform(size=charge.shape)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LetsUndefinedPass(Sound):
+    nan: ClassVar = "keep"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClipsNothing(Sound):
+    negative: ClassVar = "shrug"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingGrid(Sound):
+    counter: ClassVar[list[int]] = []
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        self.counter.append(1)
+        return {"charge": inputs["charge"].replace(y=Line(9, float(len(self.counter))))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LosingLight(Stage):
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    negative: ClassVar = "keep"
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        return 0.9 * np.exp(-(fy**2 + fx**2)) * np.ones_like(wavelength)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Amplifying(LosingLight):
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        return 1 + fy**2 + fx**2 + 0 * wavelength
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lopsided(LosingLight):
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        return np.exp(-np.abs(fx) * (1.5 + np.sign(fx)) - fy**2) + 0 * wavelength
+
+
+@dataclass(frozen=True, kw_only=True)
+class SilentlyNegative(LosingLight):
+    negative: ClassVar = "error"
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        return np.exp(-(fy**2 + fx**2)) * np.ones_like(wavelength)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseSource(Stage):
+    """Says that it is uniform with a contrast of 1, and draws a ramp."""
+
+    writes: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]"}
+
+    def describe(self) -> tuple[Facts, dict[str, Grid]]:
+        grid = Grid.of({"wavelength": Bands((500.0, 600.0)), "y": Line(3), "x": Line(4)})
+        return Facts(uniform=self.claim(), contrast=2.0), {"radiance": grid}
+
+    def claim(self) -> bool | None:
+        return True
+
+    def run(self, out_x: Any) -> dict[str, Any]:
+        return {"radiance": np.broadcast_to(1.0 + out_x, (1, 3, 4))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseContrast(FalseSource):
+    def claim(self) -> bool | None:
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherShape(FalseContrast):
+    def run(self, out_x: Any) -> dict[str, Any]:
+        return {"radiance": np.ones((1, 4, 3))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeOfThree(Sound):
+    """Sound, with a dim that the kit gives three labels of its own."""
+
+    reads: ClassVar = {"stack": "frame y x [electron]"}
+    writes: ClassVar = {"mean_charge": "y x [electron]", "colour": "channel [1]"}
+    creates: ClassVar = {"channel": RGB}
+    gain: ClassVar = 1.0
+
+    def run(self, stack: Any) -> dict[str, Any]:
+        return {"mean_charge": stack.mean(axis=0), "colour": np.ones(3)}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return Facts(low=facts["stack"].low, high=facts["stack"].high)

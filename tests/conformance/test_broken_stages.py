@@ -1,0 +1,84 @@
+"""A stage that breaks its declaration is found out, by the law it breaks and in words that say how."""
+
+import subprocess
+import sys
+
+import pytest
+
+from etendue.spec.grid import Grid, Labels, Line
+from etendue.testing import Finding, StageConformance, check_stage, laws
+from tests.conformance import broken
+
+BROKEN = [
+    (broken.Transposed, "test_it_writes_what_it_declares", "shape"),
+    (broken.Undeclared, "test_it_writes_what_it_declares", "by_the_way"),
+    (broken.Mutating, "test_inputs_are_left_alone", "writes into its input"),
+    (broken.ForcedMutating, "test_inputs_are_left_alone", "changes its input charge"),
+    (broken.UndefinedInTheDark, "test_extremes_stay_finite_or_are_refused_clearly", "NaN"),
+    (broken.CrashingOnOnePixel, "test_extremes_stay_finite_or_are_refused_clearly", "IndexError"),
+    (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state what is true"),
+    (broken.NonsenseError, "test_the_stated_error_is_true_of_single_against_double_precision", "guessed"),
+    (broken.FalseGain, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
+    (broken.FalseGainByPattern, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
+    (broken.FalseRange, "test_carried_facts_are_true_of_what_is_written", "says at most"),
+    (broken.FalselyUniform, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
+    (broken.NotNegligible, "test_leaving_it_out_is_no_worse_than_negligible_says", "it is said to do little"),
+    (broken.Greedy, "test_the_declaration_is_well_formed", r"\*arrays"),
+    (broken.Curious, "test_the_declaration_is_well_formed", "weather"),
+    (broken.ClipsNothing, "test_the_declaration_is_well_formed", "shrug"),
+    (broken.NoValue, "test_it_is_a_value", "not hashable"),
+    (broken.BareParameter, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "without param"),
+    (broken.DefaultOutOfRange, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "default is refused"),
+    (broken.OtherUnit, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "in mm"),
+    (broken.Remembering, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),
+    (broken.Unseeded, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),
+    (broken.LetsUndefinedPass, "test_undefined_input_meets_the_declared_policy", "but fails on nan"),
+    (broken.MovingGrid, "test_the_grid_is_a_pure_function", "another grid"),
+    (broken.LosingLight, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "loses light"),
+    (broken.Amplifying, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "amplify"),
+    (broken.Lopsided, "test_a_transfer_function_keeps_the_mean_and_a_real_image_real", "conjugate"),
+    (broken.SilentlyNegative, "test_negative_input_meets_the_declared_policy", "negative = 'keep'"),
+    (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
+    (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "says contrast 2"),
+    (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),
+]
+
+
+def conformance(stage):
+    return type("Conformance", (StageConformance,), {"stage": stage})()
+
+
+def test_the_sound_stage_has_no_finding():
+    assert check_stage(broken.Sound()) == []
+
+
+@pytest.mark.parametrize(("kind", "law", "words"), BROKEN, ids=[kind.__name__ for kind, _, _ in BROKEN])
+def test_each_broken_stage_is_caught_by_the_law_it_breaks(kind, law, words):
+    with pytest.raises(AssertionError, match=words):
+        getattr(conformance(kind()), law)()
+    assert law in {finding.law for finding in check_stage(kind())}
+
+
+def test_a_stage_that_is_made_inside_a_function_cannot_travel():
+    local = type("Local", (broken.Sound,), {"__module__": broken.__name__})
+    with pytest.raises(AssertionError, match="cannot travel"):
+        conformance(local()).test_it_is_a_value()
+
+
+def test_dims_the_kit_does_not_know_get_three_labels_or_the_grid_that_is_given():
+    assert check_stage(broken.MadeOfThree()) == []
+    stack = Grid.of({"frame": Labels((0.0, 1.0)), "y": Line(5), "x": Line(3)})
+    assert check_stage(broken.MadeOfThree(), grids={"stack": stack}, scales={"stack": 10.0}) == []
+
+
+def test_every_law_can_be_broken_by_one_of_these_stages():
+    assert {law for _, law, _ in BROKEN} == set(laws())
+
+
+def test_a_finding_reads_as_a_sentence():
+    assert str(Finding("test_it_is_a_value", "it is none")) == "it is a value: it is none"
+
+
+def test_the_kit_is_imported_without_pytest():
+    code = "import sys; sys.modules['pytest'] = None; import etendue.testing; assert 'zarr' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

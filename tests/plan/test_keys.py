@@ -1,0 +1,240 @@
+"""Equal recipe, equal key; whatever can change a result changes the key, and nothing else does."""
+
+import shutil
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import etendue
+from etendue.plan import keys
+from etendue.registry import installed_stages
+from etendue.spec.stage import MISSING, parameters_of
+from tests.plan.given import CAMERA, SCENE, chain, changed, keys_of, plan_of
+
+BEHIND_PIXEL = {"pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}
+BEHIND_LENS = {"irradiance", "falloff", "diffraction", "lens_gaussian", "diffusion"} | BEHIND_PIXEL
+
+
+def test_the_same_recipe_written_differently_has_the_same_keys():
+    """Order of keys, units, comments, names of parameters left at their default: none of it is part of the recipe."""
+    other = chain().replace('"1000 cd m-2"', '"0.1 cd cm-2"').replace('"1 um"', '"1000 nm"   # a comment')
+    other = other.replace('use = "pixel"', 'use = "pixel"\nsampling = "physical"')
+    other = other.replace("[camera]", '[camera]\nf_number = 2.8\nfocal_length = "0.00693 m"')
+    assert keys_of(plan_of(chain())) == keys_of(plan_of(other))
+
+
+@pytest.mark.parametrize(
+    ("setting", "reached"),
+    [
+        ({"camera.f_number": 4}, BEHIND_LENS),
+        ({"camera.diffusion_length": 20}, {"diffusion"} | BEHIND_PIXEL),
+        ({"camera.pixel_pitch": "5 um"}, BEHIND_PIXEL),
+        ({"camera.integration_time": "20 ms"}, {"exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}),
+        ({"camera.bits": 10}, {"adc", "linearise", "demosaic", "sharpen"}),
+        ({"sharpen.strength": 0.3}, {"sharpen"}),
+        ({"scene.angle": 4}, {"scene"} | BEHIND_LENS),
+        ({"seed": 5}, {"exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}),
+        ({"camera.sensor_serial": "2"}, {"exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}),
+        ({"precision": "float64"}, {"scene"} | BEHIND_LENS),
+    ],
+    ids=str,
+)
+def test_a_change_reaches_the_stages_behind_it_and_no_other(setting, reached):
+    assert changed(plan_of(chain()), plan_of(chain(), setting)) == reached
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [{"keep": ["raw"]}, {"keep": []}, {"wanted": ["raw"]}, {"wanted": ["sharpen"]}, {"name": "other"}, {"description": "x"}],
+    ids=str,
+)
+def test_what_is_kept_wanted_or_called_changes_no_key(setting):
+    before = keys_of(plan_of(chain()))
+    for name, found in keys_of(plan_of(chain(), setting)).items():
+        assert found == before[name]
+
+
+def test_the_tolerance_is_not_part_of_a_key():
+    """It decides what is left out; what is computed either way has the same key."""
+    text = chain("composite")
+    assert keys_of(plan_of(text, {"tolerance": 0})) == keys_of(plan_of(text, {"tolerance": 1e-9}))
+
+
+def test_a_cell_that_is_left_out_has_the_key_of_what_it_reads():
+    plan = plan_of(chain(), {"sharpen.strength": 0})
+    assert plan.of("sharpen")[0].left_out
+    assert keys_of(plan)["sharpen"] == keys_of(plan)["demosaic"]
+    computed = plan_of(chain(), {"sharpen.strength": 0}, leave_out=False)
+    assert keys_of(computed)["sharpen"] != keys_of(computed)["demosaic"]
+
+
+def test_the_cells_of_a_sweep_have_the_keys_they_have_alone():
+    swept = plan_of(chain(sweep="f_number = [2, 4]\nintegration_time = [0.001, 0.01, 0.1]"))
+    for cell in swept.cells.values():
+        labels = swept.labels(cell.ref)
+        alone = plan_of(chain(), {f"camera.{axis}": value for axis, value in labels.items()})
+        assert cell.key == alone.of(cell.node)[0].key
+
+
+def test_a_stage_is_known_by_what_it_does_not_by_its_name_unless_it_draws_random_numbers():
+    renamed = plan_of(chain().replace('name = "demosaic"', 'name = "debayer"'))
+    assert [c.key for c in renamed.of("debayer")] == keys_of(plan_of(chain()))["demosaic"]
+    other_noise = plan_of(chain().replace('use = "shot_noise"', 'use = "shot_noise"\nname = "photons"'))
+    assert [c.key for c in other_noise.of("photons")] != keys_of(plan_of(chain()))["shot_noise"]
+
+
+BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_parameter_of_every_built_in_stage_is_part_of_its_key(name):
+    kind = installed_stages().load(name)
+    declared = parameters_of(kind)
+    given_values = {n: d if d is not MISSING else (0.1, 0.2, 0.3) if p.length else 1.0 for n, (p, _, d) in declared.items()}
+    file = next((n for n, (p, _, d) in declared.items() if p.file), None)
+    if file:
+        given_values[file] = __file__
+    base = keys.key_of(keys.parameters_for_key(kind(**given_values)))
+    for parameter in declared:
+        old = given_values[parameter]
+        if isinstance(old, str):
+            new = keys.__file__ if parameter == file else old + "?"
+        else:
+            new = (*old, 1.0) if isinstance(old, tuple) else old + 1
+        assert keys.key_of(keys.parameters_for_key(kind(**{**given_values, parameter: new}))) != base, parameter
+
+
+finite = st.one_of(st.floats(allow_nan=False), st.integers(-(2**60), 2**60), st.text(max_size=5), st.booleans())
+
+
+@given(one=st.dictionaries(st.text(max_size=3), finite, max_size=4), other=st.dictionaries(st.text(max_size=3), finite, max_size=4))
+def test_different_parameters_have_different_keys_and_their_order_does_not_matter(one, other):
+    assert keys.key_of(one) == keys.key_of(dict(reversed(one.items())))
+    same = one.keys() == other.keys() and all(repr(one[k]) == repr(other[k]) for k in one)
+    assert (keys.key_of(one) == keys.key_of(other)) == same
+
+
+# -- files ------------------------------------------------------------------------------------------------
+
+
+def pictured(folder, name):
+    scene = SCENE.format(scene="photograph") + f'file = "{name}"\n'
+    return plan_of(CAMERA + scene, folder=folder)
+
+
+def picture(path, shade):
+    from PIL import Image
+
+    Image.new("RGB", (8, 8), (shade, shade, shade)).save(path)
+
+
+def test_files_count_by_content_and_not_by_path(tmp_path):
+    picture(tmp_path / "a.png", 100)
+    shutil.copy(tmp_path / "a.png", tmp_path / "b.png")
+    picture(tmp_path / "c.png", 101)
+    one, copied, other = (pictured(tmp_path, name) for name in ("a.png", "b.png", "c.png"))
+    assert keys_of(one) == keys_of(copied)
+    assert changed(one, other) == {"scene"}
+
+
+def test_a_file_that_is_overwritten_between_two_plans_of_one_process_has_another_key(tmp_path):
+    """A notebook that simulates, edits a table and simulates again must not be given the old result."""
+    picture(tmp_path / "a.png", 100)
+    before = pictured(tmp_path, "a.png")
+    picture(tmp_path / "a.png", 200)
+    assert changed(before, pictured(tmp_path, "a.png")) == {"scene"}
+
+
+def test_a_file_that_is_overwritten_between_two_runs_of_one_process_is_read_again(tmp_path):
+    text = CAMERA + SCENE.format(scene="photograph") + f"file = '{tmp_path / 'a.png'}'\n"
+    levels = []
+    for shade in (100, 200):
+        picture(tmp_path / "a.png", shade)
+        levels.append(float(etendue.simulate(text, scheduler="serial")["scene"]["radiance"].mean()))
+    linear = [((shade / 255 + 0.055) / 1.055) ** 2.4 for shade in (100, 200)]  # sRGB, above its linear part
+    assert levels[1] / levels[0] == pytest.approx(linear[1] / linear[0], rel=1e-5)  # float32
+
+
+# -- code -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def code(tmp_path, monkeypatch):
+    """Digests of the code of all built-in stages, found in a copy of the package that a test may edit."""
+    package = tmp_path / "etendue"
+    shutil.copytree(keys.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    monkeypatch.setattr(keys, "PACKAGE", package)
+    caches = [f for f in vars(keys).values() if hasattr(f, "cache_clear")]
+
+    def digests():
+        for cached in caches:
+            cached.cache_clear()
+        return {name: keys.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+
+    yield package, digests
+    for cached in caches:
+        cached.cache_clear()
+
+
+MODULES = {
+    "optics": {"irradiance", "falloff", "diffraction", "lens_gaussian", "lens_psf", "optical_filter"},
+    "sensor": {"diffusion", "pixel", "mosaic"},
+    "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "sharpen"},
+}
+
+
+@pytest.mark.parametrize(
+    ("edited", "must", "must_not"),
+    [
+        ("physics/demosaic.py", MODULES["reconstruct"], MODULES["optics"] | MODULES["sensor"] | {"uniform", "encode", "shot_noise"}),
+        ("physics/photodiode.py", MODULES["sensor"] | {"white", "colour_fit"}, MODULES["optics"] | MODULES["reconstruct"] | {"uniform"}),
+        ("physics/airy.py", MODULES["optics"] | {"lens_numbers"}, MODULES["sensor"] | MODULES["reconstruct"] | {"uniform", "encode"}),
+        ("physics/sampling.py", {"diffraction", "diffusion", "pixel"}, MODULES["reconstruct"] | {"adc", "lens_numbers"}),
+        ("stages/sensitivity.py", MODULES["sensor"] | {"white", "colour_fit"}, MODULES["optics"] | MODULES["reconstruct"]),
+        ("data/silicon_absorption.csv", MODULES["sensor"] | {"white"}, MODULES["reconstruct"] | {"adc"}),
+        ("spec/grid.py", set(BUILT_IN), set()),
+    ],
+)
+def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(code, edited, must, must_not):
+    package, digests = code
+    before = digests()
+    path = package / edited
+    path.write_text(path.read_text() + "\n# edited\n")
+    after = digests()
+    seen = {name for name in BUILT_IN if before[name] != after[name]}
+    assert must <= seen
+    assert not must_not & seen
+
+
+@pytest.mark.parametrize(
+    "edited", ["report/tables.py", "run/parallel.py", "archive/store.py", "cli.py", "plan/graph.py", "session.py", "registry.py"]
+)
+def test_an_edited_report_or_engine_changes_no_key(code, edited):
+    package, digests = code
+    before = digests()
+    path = package / edited
+    path.write_text(path.read_text() + "\n# edited\n")
+    assert digests() == before
+
+
+def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
+    _, digests = code
+    copied = digests()
+    assert len(set(copied.values())) > 5
+    assert copied == digests()
+
+
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=st.text(alphabet="abc \n", max_size=20))
+def test_any_edit_of_any_file_changes_a_plugin(tmp_path, text):
+    """A plugin's whole distribution counts: what it reaches is not ours to know."""
+    root = tmp_path / "plugin"
+    root.mkdir(exist_ok=True)
+    (root / "__init__.py").write_text("one = 1\n")
+    (root / "table.csv").write_text("1,2\n")
+    keys._tree_digest.cache_clear()
+    before = keys._tree_digest(str(root))
+    (root / "table.csv").write_text("1,2\n" + text + "!")
+    keys._tree_digest.cache_clear()
+    assert keys._tree_digest(str(root)) != before

@@ -1,0 +1,183 @@
+"""Batches: a partition of the jobs without circles, whatever the graph; serial and Dask give the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from etendue.run.batches import partition, run_batch
+from etendue.run.cell import Result
+from etendue.run.jobs import Job
+from etendue.run.parallel import run_parallel
+from etendue.run.serial import depth_first, run_serial
+from etendue.spec.grid import Grid
+from etendue.spec.stage import Stage
+from etendue.spec.variables import parse_declaration
+
+PORTS = ("a", "b", "c")
+
+
+def _mixed(number, *arrays):
+    """A value that changes with every input and with their order."""
+    return {"out": np.array(sum((i + 2) * float(a) for i, a in enumerate(arrays)) % 1.0 + number / 1024)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Zero(Stage):
+    writes: ClassVar = {"out": "[1]"}
+    number: int = 0
+
+    def run(self):
+        return _mixed(self.number)
+
+
+@dataclass(frozen=True, kw_only=True)
+class One(Zero):
+    reads: ClassVar = {"a": "out: [1]"}
+
+    def run(self, a):
+        return _mixed(self.number, a)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Two(Zero):
+    reads: ClassVar = {"a": "out: [1]", "b": "out: [1]"}
+
+    def run(self, a, b):
+        return _mixed(self.number, a, b)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Three(Zero):
+    reads: ClassVar = {"a": "out: [1]", "b": "out: [1]", "c": "out: [1]"}
+
+    def run(self, a, b, c):
+        return _mixed(self.number, a, b, c)
+
+
+def job_of(number, needs, seconds):
+    stage = (Zero, One, Two, Three)[len(needs)](number=number)
+    return Job(
+        ref=(f"n{number}", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "[1]")}, grids={"out": Grid()},
+        input_grids={port: Grid() for port in PORTS[: len(needs)]}, inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
+        looks_at=(), transfers=(), bands=(), channel_weights=None, previous=None, left_out=False, seed=b"", sensor_seed=b"", precision="float64",
+        store=(), deliver=("out",), spectrum=False, target=None, seconds=seconds,
+    )  # fmt: skip
+
+
+@st.composite
+def graphs(draw):
+    """Jobs that read up to three earlier ones: chains, fans, diamonds, islands."""
+    jobs = {}
+    for number in range(draw(st.integers(1, 40))):
+        earlier = st.integers(0, number - 1)
+        needs = draw(st.lists(earlier, max_size=3, unique=True)) if number else []
+        job = job_of(number, needs, draw(st.sampled_from([0.0, 1e-4, 0.03, 0.2])))
+        jobs[job.ref] = job
+    return jobs
+
+
+TARGETS = st.sampled_from([0.0, 0.05, 0.1, 1.0, float("inf")])
+
+
+@given(graphs(), TARGETS)
+def test_each_job_is_in_exactly_one_batch(jobs, target):
+    found = [job.ref for batch in partition(jobs, target) for job in batch.jobs]
+    assert len(found) == len(jobs)
+    assert set(found) == set(jobs)
+
+
+@given(graphs(), TARGETS)
+def test_levels_rise_strictly_along_every_dependency_between_batches(jobs, target):
+    """So the graph of batches has no circle."""
+    batches = partition(jobs, target)
+    home = {job.ref: batch for batch in batches for job in batch.jobs}
+    for batch in batches:
+        for job in batch.jobs:
+            for ref in job.needs:
+                assert home[ref] is batch or home[ref].level < batch.level
+        assert batch.inputs == set(batch.imports)
+        assert batch.inputs == {home[ref].number for job in batch.jobs for ref in job.needs} - {batch.number}
+
+
+@given(graphs(), TARGETS)
+def test_jobs_of_a_batch_stand_behind_what_they_read(jobs, target):
+    for batch in partition(jobs, target):
+        before = set()
+        for job in batch.jobs:
+            own = {other.ref for other in batch.jobs}
+            assert set(job.needs) & own <= before
+            before.add(job.ref)
+
+
+@given(graphs(), st.sampled_from([0.05, 0.1, 1.0]))
+def test_a_batch_is_no_larger_than_asked_unless_a_single_job_is(jobs, target):
+    for batch in partition(jobs, target):
+        assert sum(job.seconds for job in batch.jobs) <= target * (1 + 1e-12) or len(batch.jobs) == 1
+
+
+@given(graphs(), TARGETS)
+def test_a_batch_exports_what_another_reads_and_nothing_else(jobs, target):
+    batches = partition(jobs, target)
+    read = {ref for batch in batches for refs in batch.imports.values() for ref in refs}
+    assert {ref for batch in batches for ref in batch.exports} == read
+    finished = {}
+    for batch in depth_first(batches):
+        inputs = sorted(batch.imports)
+        result = run_batch(
+            tuple(batch.jobs), tuple(batch.exports), tuple(tuple(batch.imports[n]) for n in inputs), frozenset(), *(finished[n] for n in inputs)
+        )
+        finished[batch.number] = result
+        assert set(result.results) == set(batch.exports)
+        assert result.kept == {}
+
+
+@given(graphs(), TARGETS)
+def test_depth_first_is_an_order_of_all_batches_behind_what_they_read(jobs, target):
+    batches = partition(jobs, target)
+    seen = set()
+    for batch in depth_first(batches):
+        assert batch.inputs <= seen
+        seen.add(batch.number)
+    assert len(seen) == len(batches)
+
+
+def values_of(jobs, target, run):
+    kept, told = {}, {"before": [], "after": []}
+
+    def after(batch, result):
+        told["after"].append(batch.number)
+        assert all(report.status == "done" for report in result.reports)
+        kept.update(result.kept)
+
+    batches = partition(jobs, target)
+    run(batches, frozenset(jobs), lambda batch: told["before"].append(batch.number), after)
+    assert sorted(told["before"]) == sorted(told["after"]) == list(range(len(batches)))
+    return {ref: float(arrays["out"]) for ref, arrays in kept.items()}
+
+
+@settings(max_examples=40, deadline=None)
+@given(graphs(), TARGETS)
+def test_serial_and_dask_give_what_the_graph_says(jobs, target):
+    by_hand = {}
+    for ref, job in jobs.items():
+        by_hand[ref] = float(_mixed(job.stage.number, *(by_hand[r] for r in job.needs))["out"])
+    assert values_of(jobs, target, run_serial) == by_hand
+    assert values_of(jobs, target, lambda *a: run_parallel(*a, "threads", 2)) == by_hand
+
+
+def test_siblings_behind_the_same_two_batches_share_a_batch():
+    """A diamond with many jobs at its foot must not end in as many tasks."""
+    jobs = {job.ref: job for job in [job_of(0, [], 0.1), job_of(1, [], 0.1), *(job_of(2 + i, [0, 1], 0.001) for i in range(90))]}
+    assert len(partition(jobs, 0.1)) == 3
+
+
+def test_what_a_batch_reads_from_another_is_read_only():
+    """A trip through pickle makes arrays writable again; a stage must not see that."""
+    results = Result({"out": np.zeros(2)}, spectrum=np.zeros(2, complex)).read_only()
+    assert not results.arrays["out"].flags.writeable
+    assert not results.spectrum.flags.writeable
