@@ -22,6 +22,7 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.run.cell import SensorRandom, coordinates_of, prepared_of, transfer_of
 from etendue.spec.pipeline import read_pipeline
+from etendue.spec.stage import arguments_of
 
 HERE = Path(__file__).parent
 CHAIN = ("full_well", "read_noise", "adc", "linearise", "demosaic", "sharpen")
@@ -77,7 +78,10 @@ class Camera:
     # -- the camera in five calls ---------------------------------------------------------------------
 
     def scene(self, at: dict[str, int]) -> tuple[Any, Any]:
-        made = (cell := self.cell("scene", **at)).stage.run(prepared=self.prepared(cell))
+        cell = self.cell("scene", **at)
+        where = coordinates_of(cell.grids, "out_")
+        asked = {name: where[name] for name in arguments_of(type(cell.stage)) if name in where}
+        made = cell.stage.run(**asked, prepared=self.prepared(cell))
         return made["radiance"].astype(self.dtype), made["white_radiance"].astype(self.dtype)
 
     def light(self, radiance: Any, white: Any, at: dict[str, int]) -> tuple[Any, Any]:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etendue import spectra
+from etendue.spectra import library
 
 VISIBLE_5 = np.arange(380.0, 781.0, 5.0)
 VISIBLE_10 = np.arange(380.0, 781.0, 10.0)
@@ -172,7 +173,7 @@ def test_planck_spectra_are_finite_and_positive_at_any_temperature(temperature):
 
 def test_planck_bins_hold_the_stefan_boltzmann_law():
     # over nearly all wavelengths the integral is pi^4/15 (T/c2)^4 times the scale that makes 100 at 560 nm
-    temperature, c2 = 5000.0, spectra.SECOND_RADIATION_CONSTANT
+    temperature, c2 = 5000.0, library.SECOND_RADIATION_CONSTANT
     edges = np.geomspace(50.0, 1e6, 400)
     total = spectra.illuminant(f"{temperature} K", edges) @ widths(edges)
     scale = 100.0 * 560.0**5 * np.expm1(c2 / (560.0 * temperature))
@@ -415,3 +416,17 @@ def test_a_binary_file_is_refused_as_csv(tmp_path):
     path.write_bytes(b"wavelength_nm,a\n\xff\xfe")
     with pytest.raises(ValueError, match="not a UTF-8 text file"):
         spectra.table_from_csv(path, [400.0, 500.0])
+
+
+def test_the_list_of_names_for_plans_is_that_of_the_library():
+    import colour
+
+    from etendue.spectra.names import tables
+
+    for kind, library in (
+        ("illuminant", colour.SDS_ILLUMINANTS),
+        ("camera", colour.MSDS_CAMERA_SENSITIVITIES),
+        ("display", colour.MSDS_DISPLAY_PRIMARIES),
+    ):
+        found = {name: (float(library[name].wavelengths[0]), float(library[name].wavelengths[-1])) for name in list(library)}
+        assert tables(kind) == found

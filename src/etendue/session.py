@@ -195,14 +195,16 @@ def execute(
         _merge_journal(outcome, store)
         stored = _as_stored(outcome, store)
         kept_tables = {"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)}
-        if arrays:
+        sheet = store.folder / "contact_sheet.png"
+        shown = [plan.cells[ref].key for ref in shown_cells(plan).values()]
+        if arrays or store.table_attributes("frames").get("shown") != shown or not sheet.exists():
             frames = pictures.render(plan, shown_cells(plan), {**_stored(plan, store, todo), **arrays})
             if frames:
                 kept_tables["frames"] = pictures.frames_table(frames)
-                sheet = store.folder / "contact_sheet.png"
+                kept_tables["frames"]["attrs"] = {**kept_tables["frames"].get("attrs", {}), "shown": shown}
                 pictures.contact_sheet(frames, sheet, plan.pipeline.name)
-        if (store.folder / "contact_sheet.png").exists():
-            outcome.pictures = [store.folder / "contact_sheet.png"]
+        if sheet.exists():
+            outcome.pictures = [sheet]
         store.close_run(kept_tables)
         provenance.write_crate(store.folder, plan)
         provenance.write_manifest(store.folder)

@@ -60,7 +60,9 @@ def tree(whole):
 
 
 def test_it_opens_lazily_without_a_warning_and_without_etendue(whole):
-    done = subprocess.run([sys.executable, "-W", "error", "-c", LOOK, str(whole / "data.zarr")], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", LOOK, str(whole / "data.zarr")], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) > 0
 
@@ -133,8 +135,19 @@ def test_every_file_of_a_cell_is_in_the_journal(whole, plan):
 
 
 def test_it_names_no_machine_user_or_directory(whole):
-    secrets = {str(Path.home()), os.getcwd(), str(whole.parent), str(Path(sys.executable).parent), socket.gethostname(), os.environ.get("USER") or "/home/"}
-    files = [*whole.glob("runs/*.json"), *whole.rglob("zarr.json"), *(whole / n for n in ("ro-crate-metadata.json", "manifest.json", "journal.jsonl"))]
+    secrets = {
+        str(Path.home()),
+        os.getcwd(),
+        str(whole.parent),
+        str(Path(sys.executable).parent),
+        socket.gethostname(),
+        os.environ.get("USER") or "/home/",
+    }
+    files = [
+        *whole.glob("runs/*.json"),
+        *whole.rglob("zarr.json"),
+        *(whole / n for n in ("ro-crate-metadata.json", "manifest.json", "journal.jsonl")),
+    ]
     assert len(files) > 20
     for path in files:
         text = path.read_text()
@@ -216,7 +229,9 @@ def test_done_with_another_key_is_not_done(copy, whole, plan):
 def test_done_before_a_later_start_is_not_done(copy, plan):
     """The chunks may have been overwritten since."""
     journal = copy / "journal.jsonl"
-    done = next(line for line in map(json.loads, journal.read_text().splitlines()) if line["event"] == "done" and line["cell"].startswith("adc"))
+    done = next(
+        line for line in map(json.loads, journal.read_text().splitlines()) if line["event"] == "done" and line["cell"].startswith("adc")
+    )
     with journal.open("a") as handle:
         handle.write(json.dumps({"event": "start", "cell": done["cell"], "key": "1" * 32}) + "\n")
     assert run(plan, copy).computed == 1
@@ -256,16 +271,17 @@ def test_values_that_left_the_sweep_do_not_read_as_its_results(copy):
 def test_a_sweep_that_shrank_and_grew_again_equals_a_fresh_one(copy, whole, plan):
     run(plan_of({**SWEEP, "sweep.f_number": [5.6], "sharpen.strength": 0.4}), copy)
     run(plan, copy)
-    assert_same_archives(copy, whole, frames=False)
+    assert_same_archives(copy, whole)
 
 
 def test_a_value_put_in_between_stays_behind_and_is_marked(copy, tmp_path):
     between = plan_of({**SWEEP, "sweep.f_number": [2, 4, 5.6]})
     run(between, copy)
     run(between, tmp_path / "fresh")
-    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as grown, xarray.open_datatree(
-        tmp_path / "fresh" / "data.zarr", engine="zarr", chunks=None
-    ) as fresh:
+    with (
+        xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as grown,
+        xarray.open_datatree(tmp_path / "fresh" / "data.zarr", engine="zarr", chunks=None) as fresh,
+    ):
         assert grown["adc/32x32/f_number"].values.tolist() == [2.0, 5.6, 4.0]
         assert "sort" in grown["adc/32x32/f_number"].attrs["order"]
         for path in ("diffraction", "pixel/32x32", "adc/32x32"):
@@ -338,7 +354,15 @@ def test_axes_that_change_sizes_bins_or_positions_keep_them_apart(tmp_path, axis
 
 
 def test_bins_of_the_same_number_at_other_wavelengths_do_not_share_a_group(tmp_path):
-    plan = plan_of({"sweep.scene.use": [{"use": "composite", "label": "low"}, {"use": "composite", "label": "high", "wavelength_from": "430 nm", "wavelength_to": "730 nm"}], "wanted": ["scene"]})
+    plan = plan_of(
+        {
+            "sweep.scene.use": [
+                {"use": "composite", "label": "low"},
+                {"use": "composite", "label": "high", "wavelength_from": "430 nm", "wavelength_to": "730 nm"},
+            ],
+            "wanted": ["scene"],
+        }
+    )
     run(plan, tmp_path / "a")
     with xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr", chunks=None) as tree:
         first = {node["scene"].values.tolist()[0]: node["wavelength"].values[0] for node in tree["scene"].children.values()}

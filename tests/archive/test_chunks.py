@@ -26,7 +26,11 @@ def values(dtype, shape, kind):
         return np.zeros(shape, dtype)
     if kind == "noise":
         return (rng.uniform(0, 200, shape)).astype(dtype)
-    return np.broadcast_to(np.arange(shape[-1] if shape else 1, dtype=dtype)[: shape[-1] if shape else 1], shape).copy() if shape else np.array(3, dtype)
+    return (
+        np.broadcast_to(np.arange(shape[-1] if shape else 1, dtype=dtype)[: shape[-1] if shape else 1], shape).copy()
+        if shape
+        else np.array(3, dtype)
+    )
 
 
 def by_zarr(folder, array):
@@ -80,7 +84,9 @@ def test_a_cut_off_chunk_is_found(length):
 @pytest.fixture
 def target(tmp_path):
     (tmp_path / "run.id").write_text("mine")
-    return CellFiles(str(tmp_path), "mine", (ChunkFile("a", "data.zarr/g/a/c.0", "float64", (4, 5)), ChunkFile("n", "data.zarr/g/n/c", "uint16", ())))
+    return CellFiles(
+        str(tmp_path), "mine", (ChunkFile("a", "data.zarr/g/a/c.0", "float64", (4, 5)), ChunkFile("n", "data.zarr/g/n/c", "uint16", ()))
+    )
 
 
 ARRAYS = {"a": np.arange(20.0).reshape(4, 5), "n": np.array(7, "uint16")}

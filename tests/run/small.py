@@ -134,9 +134,10 @@ def assert_same_archives(first: Path, second: Path, frames: bool = True) -> None
 
     Frames are pictures of what a run saw: of stages that are not kept there is none after a resume.
     """
-    with xarray.open_datatree(first / "data.zarr", engine="zarr", chunks=None) as one, xarray.open_datatree(
-        second / "data.zarr", engine="zarr", chunks=None
-    ) as other:
+    with (
+        xarray.open_datatree(first / "data.zarr", engine="zarr", chunks=None) as one,
+        xarray.open_datatree(second / "data.zarr", engine="zarr", chunks=None) as other,
+    ):
         assert {n.path for n in one.subtree} == {n.path for n in other.subtree}
         for node in one.subtree:
             if node.path == "/frames" and not frames:
@@ -167,5 +168,10 @@ def environment(**more: str) -> dict[str, str]:
 def command(*arguments: Any, **more: str) -> subprocess.CompletedProcess[str]:
     """Run ``python -m etendue`` to its end."""
     return subprocess.run(
-        [sys.executable, "-m", "etendue", *map(str, arguments)], capture_output=True, text=True, timeout=300, env=environment(**more), check=False
+        [sys.executable, "-m", "etendue", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=environment(**more),
+        check=False,
     )

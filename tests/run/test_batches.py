@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from etendue.run.batches import partition, run_batch
 from etendue.run.cell import Result
 from etendue.run.jobs import Job
+from etendue.run.order import depth_first
 from etendue.run.parallel import run_parallel
-from etendue.run.serial import depth_first, run_serial
+from etendue.run.serial import run_serial
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage
 from etendue.spec.variables import parse_declaration
@@ -63,9 +64,10 @@ def job_of(number, needs, seconds):
     stage = (Zero, One, Two, Three)[len(needs)](number=number)
     return Job(
         ref=(f"n{number}", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "[1]")}, grids={"out": Grid()},
-        input_grids={port: Grid() for port in PORTS[: len(needs)]}, inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
-        looks_at=(), transfers=(), bands=(), channel_weights=None, previous=None, left_out=False, seed=b"", sensor_seed=b"", precision="float64",
-        store=(), deliver=("out",), spectrum=False, target=None, seconds=seconds,
+        input_grids={port: Grid() for port in PORTS[: len(needs)]},
+        inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
+        looks_at=(), transfers=(), bands=(), channel_weights=None, previous=None, left_out=False, seed=b"", sensor_seed=b"",
+        precision="float64", store=(), deliver=("out",), spectrum=False, target=None, seconds=seconds,
     )  # fmt: skip
 
 
@@ -79,6 +81,11 @@ def graphs(draw):
         job = job_of(number, needs, draw(st.sampled_from([0.0, 1e-4, 0.03, 0.2])))
         jobs[job.ref] = job
     return jobs
+
+
+def in_order(batches):
+    by_number = {batch.number: batch for batch in batches}
+    return [by_number[n] for n in depth_first(by_number, lambda n: by_number[n].inputs)]
 
 
 TARGETS = st.sampled_from([0.0, 0.05, 0.1, 1.0, float("inf")])
@@ -126,24 +133,27 @@ def test_a_batch_exports_what_another_reads_and_nothing_else(jobs, target):
     read = {ref for batch in batches for refs in batch.imports.values() for ref in refs}
     assert {ref for batch in batches for ref in batch.exports} == read
     finished = {}
-    for batch in depth_first(batches):
+    for batch in in_order(batches):
         inputs = sorted(batch.imports)
         result = run_batch(
-            tuple(batch.jobs), tuple(batch.exports), tuple(tuple(batch.imports[n]) for n in inputs), frozenset(), *(finished[n] for n in inputs)
+            tuple(batch.jobs),
+            tuple(batch.exports),
+            tuple(tuple(batch.imports[n]) for n in inputs),
+            frozenset(),
+            *(finished[n] for n in inputs),
         )
         finished[batch.number] = result
         assert set(result.results) == set(batch.exports)
         assert result.kept == {}
 
 
-@given(graphs(), TARGETS)
-def test_depth_first_is_an_order_of_all_batches_behind_what_they_read(jobs, target):
-    batches = partition(jobs, target)
+@given(graphs())
+def test_depth_first_is_an_order_of_all_jobs_behind_what_they_read(jobs):
     seen = set()
-    for batch in depth_first(batches):
-        assert batch.inputs <= seen
-        seen.add(batch.number)
-    assert len(seen) == len(batches)
+    for ref in depth_first(jobs, lambda r: jobs[r].needs):
+        assert set(jobs[ref].needs) <= seen
+        seen.add(ref)
+    assert seen == set(jobs)
 
 
 def values_of(jobs, target, run):

@@ -40,12 +40,15 @@ def etendue_stages():
     return {"picky": Picky}
 '''
 
-PIPELINE = BARE.replace('[[stages]]\nuse = "exposure"\n', '[[stages]]\nuse = "picky"\n[[stages]]\nuse = "exposure"\n') + """
+PIPELINE = (
+    BARE.replace('[[stages]]\nuse = "exposure"\n', '[[stages]]\nuse = "picky"\n[[stages]]\nuse = "exposure"\n')
+    + """
 [sweep]
 f_number = [2, 5.6]
 integration_time = ["2 ms", "8 ms"]
 pixel_pitch = ["2.0 um", "2.6 um"]
 """
+)
 
 BEHIND = ("exposure", "shot_noise", "read_noise", "adc", "linearise", "demosaic", "sharpen", "exposure_report")
 

@@ -132,7 +132,11 @@ def test_a_resumed_archive_equals_an_uninterrupted_one(tmp_path, precision, kept
 def _lose(archive, damage, chance):
     """Forget a third of what is finished; the stages that lost something."""
     if damage == "chunks":
-        files = sorted(p for p in (archive / "data.zarr").rglob("c.*") if p.parent.name not in ("status",) and p.parent.parent.name not in ("ledger", "summary", "frames"))
+        files = sorted(
+            p
+            for p in (archive / "data.zarr").rglob("c.*")
+            if p.parent.name not in ("status",) and p.parent.parent.name not in ("ledger", "summary", "frames")
+        )
         stages = set()
         for path in chance.sample(files, len(files) // 3):
             if not path.parent.name.endswith("_um"):
@@ -167,3 +171,15 @@ def test_memory_and_archive_hold_the_same_tree(tmp_path):
                     assert [str(v) for v in mine.ravel()] == [str(v) for v in its.ravel()], (node.path, name)
                 else:
                     np.testing.assert_array_equal(mine, its, err_msg=f"{node.path}/{name}")
+
+
+def test_a_cluster_gives_the_same_bits_in_memory_and_in_an_archive(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    plan = plan_of(SWEEP)
+    run(plan, tmp_path / "here")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        there = run(plan, scheduler=address, batch_seconds=0.01)
+        run(plan, tmp_path / "there", scheduler=address, batch_seconds=0.0)
+    assert_same_arrays(by_labels(plan, there.arrays), by_labels(plan, run(plan).arrays))
+    assert_same_archives(tmp_path / "there", tmp_path / "here")

@@ -84,7 +84,10 @@ def test_whole_step_decimation_equals_evaluation(seed, size, step, first):
     where = (float(first), float(step), (size - 1 - first) // step + 1)
     assert sampling.whole_steps(0.0, 1.0, *where, size) is not None
     assert_allclose(
-        sampling.sample(spectrum, size, size, where, where), sampling.evaluate(spectrum, size, size, where, where), rtol=0, atol=1e-12 * plane.max()
+        sampling.sample(spectrum, size, size, where, where),
+        sampling.evaluate(spectrum, size, size, where, where),
+        rtol=0,
+        atol=1e-12 * plane.max(),
     )
 
 

@@ -16,7 +16,12 @@ from etendue.spec.grid import Bands, Coordinate, Labels, Line
 from etendue.spec.variables import LONG_NAMES
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
-STATUS_ATTRIBUTES = {"long_name": "what became of the cell", "units": "1", "flag_values": [0, 1, 2, 3, 4], "flag_meanings": " ".join(STATUS)}
+STATUS_ATTRIBUTES = {
+    "long_name": "what became of the cell",
+    "units": "1",
+    "flag_values": [0, 1, 2, 3, 4],
+    "flag_meanings": " ".join(STATUS),
+}
 BOUNDS = "wavelength_bounds"
 AXIS_NAMES = {"f_number": "f-number", "pixel_pitch": "pixel pitch", "integration_time": "integration time"}
 
@@ -202,5 +207,3 @@ def cell_name(plan: Plan, ref: CellRef) -> str:
     """A cell by stage and axis values: the same name whatever else is swept."""
     labels = plan.labels(ref)
     return " ".join([ref[0], *(f"{dim}={value!r}" if isinstance(value, str) else f"{dim}={value}" for dim, value in labels.items())])
-
-

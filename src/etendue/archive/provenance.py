@@ -136,7 +136,7 @@ def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
         for field in ("stage", "precision", "seed", "code", "versions"):
             if before[field] != after[field]:
                 shown = ("", "") if field == "code" else (f": {before[field]}", f" -> {after[field]}")
-                found[node.name] = ("its code has changed" if field == "code" else field + shown[0] + shown[1])
+                found[node.name] = "its code has changed" if field == "code" else field + shown[0] + shown[1]
                 break
         else:
             changed = [k for k in after["parameters"] if before["parameters"].get(k) != after["parameters"][k]]

@@ -1,12 +1,12 @@
 """The archive of a run: one directory, owned by one run at a time.
 
-    paper/
-      data.zarr/          one Zarr v3 store, one DataTree: opened by ``xarray.open_datatree`` without etendue
-      inputs/             every file parameter, by SHA-256
-      journal.jsonl       what is finished
-      manifest.json       digests of all metadata, written at close
-      runs/               a record of every run: pipeline, versions, platform
-      lock  run.id        who owns it
+paper/
+  data.zarr/          one Zarr v3 store, one DataTree: opened by ``xarray.open_datatree`` without etendue
+  inputs/             every file parameter, by SHA-256
+  journal.jsonl       what is finished
+  manifest.json       digests of all metadata, written at close
+  runs/               a record of every run: pipeline, versions, platform
+  lock  run.id        who owns it
 """
 
 from __future__ import annotations
@@ -289,7 +289,12 @@ class Archive:
                 for chunk in self.chunk_paths(self.plan.cells[ref]):
                     (self.folder / chunk.path).unlink(missing_ok=True)
             lines.append(
-                (self.names[ref], Entry(event, self.plan.cells[ref].key, report.written, report.status, report.seconds, report.clipped, report.clipped_flux))
+                (
+                    self.names[ref],
+                    Entry(
+                        event, self.plan.cells[ref].key, report.written, report.status, report.seconds, report.clipped, report.clipped_flux
+                    ),
+                )
             )
         self.journal.end(lines)
 
@@ -309,12 +314,18 @@ class Archive:
         """Write status and tables, then consolidate: readers see a finished run or the one before."""
         self._put_status()
         for name, columns in tables.items():
-            group = self.root.create_group(name, overwrite=True, attributes=dict(columns.get("attrs", {})))
+            group = self.root.create_group(name, overwrite=True)
             for column, (dims, values, attrs) in columns["arrays"].items():
                 put_array(group, column, values, dims, attrs)
+            group.update_attributes(dict(columns.get("attrs", {})))  # last: a table with attributes is whole
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*[Cc]onsolidated metadata.*")
             zarr.consolidate_metadata(self.root.store)
+
+    def table_attributes(self, name: str) -> dict[str, Any]:
+        """Attributes of a table of an earlier run; none where there is no whole one."""
+        path = self.folder / DATA / name / "zarr.json"
+        return json.loads(path.read_text()).get("attributes", {}) if path.exists() else {}
 
     def free_bytes(self) -> int:
         return shutil.disk_usage(self.folder).free

@@ -311,6 +311,7 @@ class _Builder:
         self.resolve_camera(list(entries.values()))
         direct = self.resolve_axes(entries)
         nodes = self.link(entries, use_axes, direct)
+        self.try_values(nodes)
         wanted = self.wanted_of(nodes)
         self.check_keep(nodes)
         if wanted and self.whole:
@@ -323,6 +324,21 @@ class _Builder:
         if self.faults:
             raise RequestError(self.faults, pipeline.file)
         return Graph(tuple(nodes), tuple(self.axes), self.camera, wanted, pipeline.keep, tuple(self.warnings))
+
+    def try_values(self, nodes: list[Node]) -> None:
+        """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
+        first = {axis.dim: axis.values[0] for axis in self.axes}
+        for node in nodes:
+            for one in node.alternatives:
+                camera = {name: self.camera.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.camera}
+                swept = {name: first[dim] for dim, name in node.direct if dim in first and name in parameters_of(one.kind)}
+                values = {**camera, **one.values, **swept}
+                if any(value is None for value in values.values()):
+                    continue  # already a fault
+                try:
+                    one.kind(**values)
+                except (ValueError, TypeError) as error:
+                    self.fault(node.place, f"{one.use}: {error}")
 
     def link(
         self,

@@ -6,11 +6,10 @@ Results go to stdout, progress and notes to stderr. rich does the drawing; NO_CO
 from __future__ import annotations
 
 import math
-import shlex
 import re
+import shlex
 from collections.abc import Iterable
 from inspect import cleandoc
-from shlex import quote
 from typing import Any
 
 from rich.box import SIMPLE_HEAD

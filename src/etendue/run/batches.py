@@ -76,7 +76,11 @@ class BatchResult:
 
 
 def run_batch(
-    jobs: tuple[Job, ...], exports: tuple[CellRef, ...], imports: tuple[tuple[CellRef, ...], ...], deliver: frozenset[CellRef], *before: BatchResult
+    jobs: tuple[Job, ...],
+    exports: tuple[CellRef, ...],
+    imports: tuple[tuple[CellRef, ...], ...],
+    deliver: frozenset[CellRef],
+    *before: BatchResult,
 ) -> BatchResult:
     """Run the jobs of one batch, dropping each array after its last reader."""
     results: dict[CellRef, Result] = {}
@@ -101,5 +105,3 @@ def run_batch(
         if not readers.get(job.ref) and job.ref not in own:
             results.pop(job.ref, None)
     return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)
-
-

@@ -137,7 +137,9 @@ def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[st
     if not hasattr(stage, "prepare"):
         return None
     key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
-    return _tables.get(key, lambda: stage.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")}))
+    return _tables.get(
+        key, lambda: stage.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")})
+    )
 
 
 # -- transfer functions -----------------------------------------------------------------------------------
@@ -213,7 +215,6 @@ class Otf:
             product = product * (self._at(stage, fx) if fx.size < 256 else self._remembered(stage, fx))
         return product[:, 0, :]
 
-
     def _at(self, stage: Stage, fx: Any) -> Any:
         prepared = None
         if hasattr(stage, "prepare"):
@@ -262,7 +263,9 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
         given["rng_sensor"] = SensorRandom(job.sensor_seed, next(iter(job.grids.values())), job.precision)
     if any(name not in given for name in others):
         key = ("coordinates", tuple(sorted(job.input_grids.items())), tuple(sorted(job.grids.items())))
-        found = _tables.get(key, lambda: {**coordinates_of(job.grids), **coordinates_of(job.input_grids), **coordinates_of(job.grids, "out_")})
+        found = _tables.get(
+            key, lambda: {**coordinates_of(job.grids), **coordinates_of(job.input_grids), **coordinates_of(job.grids, "out_")}
+        )
         for name in others:
             if name not in given:
                 if name not in found:
@@ -375,5 +378,3 @@ def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str
     for array in arrays.values():
         array.flags.writeable = False
     return result, arrays
-
-

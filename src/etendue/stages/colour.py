@@ -173,6 +173,10 @@ class Balance(Stage):
     target: str = param("D65", doc="white of the display: an illuminant or a display")
     gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
 
+    def __post_init__(self) -> None:
+        if self.target not in ("sRGB", *DISPLAYS):
+            spectra.check_illuminant(self.target, TABLE_EDGES[0], TABLE_EDGES[-1])
+
     def prepare(self, coordinates: Any) -> Any:
         return white_of(self.target)
 

@@ -43,6 +43,9 @@ class Scene(Stage):
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", doc="width of a wavelength bin")
 
+    def __post_init__(self) -> None:
+        spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
+
     def edges(self) -> tuple[float, ...]:
         count = round((self.wavelength_to - self.wavelength_from) / self.bin_width)
         if count < 1 or abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) > 1e-6:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from etendue import spectra
 from etendue.api import RGB, Facts, Grid, Line, Stage, hookimpl, param, quantity
 from etendue.physics import mosaic, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
@@ -95,6 +96,9 @@ class Pixel(Stage):
     first_column: int = param(0, doc="first column of the window that is read")
     window_rows: int = param(0, at_least=0, doc="rows of the window; 0: all")
     window_columns: int = param(0, at_least=0, doc="columns of the window; 0: all")
+
+    def __post_init__(self) -> None:
+        spectra.check_camera(self.sensitivity)
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]

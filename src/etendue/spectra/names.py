@@ -1,0 +1,65 @@
+"""The names of the tables in colour-science, so that a plan can refuse a wrong one without importing it.
+
+In:  a name, and the wavelengths it is wanted for (nm).
+Out: nothing, or ValueError with the nearest names that exist.
+
+``data/spectral_tables.csv`` lists kind, name and range; a test holds it equal to what colour-science has.
+"""
+
+import csv
+import re
+from collections.abc import Collection
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+
+LOWEST_TEMPERATURE = 100.0  # K; colder spectra overflow float64 towards the infrared
+COMPUTED = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*(K|nm)\s*")
+COMPUTED_ILLUMINANTS = "'<T> K' for a Planck radiator, '<w> nm' for a line"
+
+
+def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
+    if name in list(names):  # a list, because colour's key views also match other spellings
+        return
+    spelled = {candidate.casefold(): candidate for candidate in names}
+    nearest = [spelled[n] for n in get_close_matches(str(name).casefold(), spelled, n=5, cutoff=0.4)]
+    shown = nearest or sorted(names)[:12]
+    label = "nearest names" if nearest else "known names"
+    tail = f"; also {besides}" if besides else ""
+    raise ValueError(f"unknown {kind} {name!r}; {label}: {', '.join(map(repr, shown))}{tail}")
+
+
+@cache
+def tables(kind: str) -> dict[str, tuple[float, float]]:
+    """Name to (lowest, highest) wavelength, nm, of every ``illuminant``, ``camera`` or ``display`` table."""
+    text = (files("etendue") / "data" / "spectral_tables.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return {row["name"]: (float(row["lowest_nm"]), float(row["highest_nm"])) for row in rows if row["kind"] == kind}
+
+
+def check_illuminant(name: str, lowest: float, highest: float) -> None:
+    """Refuse an unknown illuminant, or one whose table ends inside the wavelengths wanted."""
+    computed = COMPUTED.fullmatch(name)
+    if computed:
+        number = float(computed[1])
+        if computed[2] == "K" and not LOWEST_TEMPERATURE <= number:
+            raise ValueError(f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {number:g} K")
+        if computed[2] == "nm" and not lowest <= number <= highest:
+            raise ValueError(f"spectral line at {number:g} nm lies outside the bins, {lowest:g} to {highest:g} nm")
+        return
+    if name == "E":
+        return
+    known = tables("illuminant")
+    require_name(name, known, "illuminant", COMPUTED_ILLUMINANTS)
+    first, last = known[name]
+    if lowest < first or highest > last:
+        raise ValueError(
+            f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm, but the bins span "
+            f"{lowest:g} to {highest:g} nm; narrow the wavelength axis, or use 'E' or '<T> K'"
+        )
+
+
+def check_camera(name: str) -> None:
+    """Refuse an unknown camera; the path of a CSV table passes."""
+    if not name.endswith(".csv"):
+        require_name(name, tables("camera"), "camera", "the path of a CSV table")
