@@ -25,6 +25,19 @@ from etendue import session
 whole = session.partition
 session.partition = lambda jobs, seconds: whole(jobs, 0.0)  # a batch, and so a journal line, for every cell
 """
+DRAWN_OUT = (
+    FINELY
+    + """
+import os, time, types
+from etendue.archive import chunks
+
+def replace(*paths):  # half of the kills should fall between chunks, and some between a chunk and its place
+    time.sleep(0.002)
+    os.replace(*paths)
+
+chunks.os = types.SimpleNamespace(**{**vars(os), "replace": replace})
+"""
+)
 SLOWLY = (
     FINELY
     + """
@@ -46,7 +59,7 @@ def whole(tmp_path_factory):
     """The pipeline file, an uninterrupted archive of it, and how long that took."""
     place = tmp_path_factory.mktemp("kill")
     (place / "small.toml").write_text(text_of(**AXES))
-    for name, source in (("finely", FINELY), ("slowly", SLOWLY)):
+    for name, source in (("finely", FINELY), ("drawn out", DRAWN_OUT), ("slowly", SLOWLY)):
         (place / name).mkdir()
         (place / name / "sitecustomize.py").write_text(source)
     began = time.monotonic()
@@ -81,23 +94,29 @@ def wait_for(condition, process=None, seconds=60):
 def test_a_run_killed_at_random_instants_is_finished_by_the_next(whole, tmp_path):
     """A kill may hit anything: imports, creation of arrays, chunks, journal, tables, consolidation."""
     place, seconds = whole
+    total = done_cells(place / "whole")
     chance = random.Random(20)
     died = {"before any cell": 0, "between cells": 0, "after all cells": 0, "not at all": 0}
     for number in range(KILLS):
         archive = tmp_path / f"{number}"
         for _ in range(chance.choice((1, 1, 2))):
             scheduler = chance.choice(("serial", "threads"))
+            python = str(place / "drawn out")
             process = start(
-                "run", place / "small.toml", "--archive", archive, "--quiet", "--scheduler", scheduler, PYTHONPATH=str(place / "finely")
+                "run", place / "small.toml", "--archive", archive, "--quiet", "--scheduler", scheduler, "--workers", 2, PYTHONPATH=python
             )
-            # Imports take the first half: most kills fall into what follows.
-            time.sleep(seconds * chance.uniform(0.35, 1.05))
+            if chance.random() < 0.3:  # anywhere, imports and the end too
+                time.sleep(seconds * chance.uniform(0.2, 1.2))
+            else:
+                before = done_cells(archive)
+                wait_for(lambda a=archive, n=before: done_cells(a) > n, process)
+                time.sleep(chance.uniform(0.0, 1.0))
             process.kill()
             code = process.wait()
             process.stderr.close()
             count = done_cells(archive)
             died[
-                "not at all" if code == 0 else "before any cell" if not count else "between cells" if count < 200 else "after all cells"
+                "not at all" if code == 0 else "before any cell" if not count else "between cells" if count < total else "after all cells"
             ] += 1
         done = command("run", place / "small.toml", "--archive", archive, "--quiet")
         assert done.returncode == 0, done.stderr
