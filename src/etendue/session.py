@@ -52,6 +52,8 @@ class Outcome:
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
     arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+    shown_at: str = ""  # axis values of the cells in the pictures and headlines
+    removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
 
     @property
     def failed(self) -> list[CellReport]:
@@ -85,9 +87,24 @@ def load(source: str | Path | Mapping[str, Any] | Pipeline, overrides: Mapping[s
     return read_pipeline(Path(source), overrides)
 
 
-def select(plan: Plan, finished: set[CellRef]) -> set[CellRef]:
-    """The cells to compute: unfinished ones, and finished ones whose unstored result an unfinished one reads."""
-    todo = {ref for ref in plan.cells if ref not in finished}
+def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan:
+    """The plan over the axis values of an archive's earlier runs as well: what is still right there stays."""
+    sweep = dict(plan.pipeline.sweep)
+    for axis in plan.axes:
+        earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()))
+        if set(earlier) - set(axis.values) and not axis.key.endswith(".use"):
+            sweep[axis.key] = [*earlier, *(v for v in axis.values if v not in earlier)]  # in stored order
+    if sweep == dict(plan.pipeline.sweep):
+        return plan
+    try:
+        return planner.make_plan(replace(plan.pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
+    except RequestError:  # a value that is no longer possible: its cells are not of this pipeline any more
+        return plan
+
+
+def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = None) -> set[CellRef]:
+    """The cells to compute: unfinished requested ones, and finished ones whose unstored result an unfinished one reads."""
+    todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
     nodes = {node.name: node for node in plan.nodes}
     for ref in reversed(list(plan.cells)):
         if ref not in todo:
@@ -123,6 +140,20 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
     return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
 
 
+def where_shown(plan: Plan) -> str:
+    """The axis values of the shown cells, such as `` at f_number 2.8, pixel_pitch 4 um``; '' without a sweep."""
+    at = {}
+    for name, index in shown_cells(plan).values():
+        at.update({dim: value for dim, value in plan.labels((name, index)).items()})
+    texts = []
+    for axis in plan.axes:
+        if axis.dim in at:
+            value = at[axis.dim]
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            texts.append(f"{axis.key} {shown}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
+    return f" at {', '.join(texts)}" if texts else ""
+
+
 def execute(
     plan: Plan,
     archive: str | Path | None = None,
@@ -141,15 +172,23 @@ def execute(
     if archive is None:
         return _in_memory(plan, options, progress)
     from etendue.archive import provenance
+    from etendue.archive.journal import read_axes
+    from etendue.archive.layout import cell_name
     from etendue.archive.store import Archive
 
     began = time.perf_counter()
+    asked = plan
+    plan = with_stored_values(plan, read_axes(Path(archive) / "journal.jsonl"))
+    by_name = {cell_name(plan, ref): ref for ref in plan.cells}
+    requested = {ref: by_name[cell_name(asked, ref)] for ref in asked.cells}
     with Archive(Path(archive), plan, options.durable) as store:
         old = provenance.latest_record(store.folder)
         _check_platform(store.folder, old, options, provenance.platform_record())
         finished = set() if options.recompute else {ref for ref in plan.cells if store.finished(ref)}
-        todo = select(plan, finished)
-        store.begin(todo)
+        todo = select(plan, finished, set(requested.values()))
+        outdated = set(plan.cells) - finished - todo - set(requested.values())
+        removed = sum(store.has_files(ref) for ref in outdated)
+        store.begin(todo, outdated)
         known = {cell for cell, entry in store.journal.entries.items() if entry.event == "done"}
         reasons = provenance.reasons(old, plan) if known else {}
         again = {ref[0] for ref in todo}
@@ -159,7 +198,8 @@ def execute(
         if todo or old is None:
             provenance.write_record(store.folder, plan, {"tolerance": plan.pipeline.tolerance, "scheduler": options.scheduler})
             provenance.copy_inputs(store.folder, plan)
-        show = frozenset(ref for ref in shown_cells(plan).values() if ref in todo)
+        shown = {name: requested[ref] for name, ref in shown_cells(asked).items()}
+        show = frozenset(ref for ref in shown.values() if ref in todo)
         jobs = make_jobs(plan, todo, store.target, show=show)
         reports: dict[CellRef, CellReport] = {}
         arrays: dict[CellRef, dict[str, Any]] = {}
@@ -178,7 +218,7 @@ def execute(
             arrays.update(result.kept)  # type: ignore[arg-type]
             progress.finished(tuple(fresh))
 
-        outcome = Outcome(plan, reports, set(plan.cells) - todo, 0.0, reasons, store.folder, arrays=arrays)
+        outcome = Outcome(plan, reports, finished - todo, 0.0, reasons, store.folder, arrays=arrays, removed=removed)
         from etendue.report import pictures, tables
 
         progress.begin(len(todo))
@@ -196,29 +236,42 @@ def execute(
         stored = _as_stored(outcome, store)
         kept_tables = {"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)}
         sheet = store.folder / "contact_sheet.png"
-        shown = [plan.cells[ref].key for ref in shown_cells(plan).values()]
-        if arrays or store.table_attributes("frames").get("shown") != shown or not sheet.exists():
-            frames = pictures.render(plan, shown_cells(plan), {**_stored(plan, store, todo), **arrays})
+        keys = [plan.cells[ref].key for ref in shown.values()]
+        if arrays or store.table_attributes("frames").get("shown") != keys or not sheet.exists():
+            frames = pictures.render(plan, shown, {**_stored(plan, store, todo, shown), **arrays})
             if frames:
                 kept_tables["frames"] = pictures.frames_table(frames)
-                kept_tables["frames"]["attrs"] = {**kept_tables["frames"].get("attrs", {}), "shown": shown}
-                pictures.contact_sheet(frames, sheet, plan.pipeline.name)
+                kept_tables["frames"]["attrs"] = {**kept_tables["frames"].get("attrs", {}), "shown": keys, "at": where_shown(asked)}
+                pictures.contact_sheet(frames, sheet, f"{plan.pipeline.name}{where_shown(asked)}")
         if sheet.exists():
             outcome.pictures = [sheet]
+        arrays.update(_stored(plan, store, todo, shown, figures_only=True))
         store.close_run(kept_tables)
         provenance.write_crate(store.folder, plan)
         provenance.write_manifest(store.folder)
-        outcome.seconds = time.perf_counter() - began
+    return _as_asked(outcome, asked, requested, time.perf_counter() - began)
+
+
+def _as_asked(outcome: Outcome, asked: Plan, requested: Mapping[CellRef, CellRef], seconds: float) -> Outcome:
+    """The outcome in terms of what was asked for; values of earlier runs beside it are the archive's affair."""
+    outcome.plan, outcome.seconds, outcome.shown_at = asked, seconds, where_shown(asked)
+    outcome.reports = {ref: replace(outcome.reports[own], index=ref[1]) for ref, own in requested.items() if own in outcome.reports}
+    outcome.reused = {ref for ref, own in requested.items() if own in outcome.reused}
+    outcome.arrays = {ref: outcome.arrays[own] for ref, own in requested.items() if own in outcome.arrays}
     return outcome
 
 
-def _stored(plan: Plan, store: Any, todo: set[CellRef]) -> dict[CellRef, dict[str, Any]]:
-    """Arrays of the shown cells that were not computed now but are stored."""
+def _stored(
+    plan: Plan, store: Any, todo: set[CellRef], shown: Mapping[str, CellRef], figures_only: bool = False
+) -> dict[CellRef, dict[str, Any]]:
+    """Arrays of the shown cells that were not computed now but are stored; all of them, or plain figures only."""
     found = {}
-    for name, ref in shown_cells(plan).items():
+    for name, ref in shown.items():
         if ref not in todo:
             target = store.target(plan.cells[ref])
-            found[ref] = {v: target.read(v) for v in plan.node(name).writes if (name, v) in plan.kept}
+            writes = plan.node(name).writes
+            chosen = [v for v in writes if (name, v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})]
+            found[ref] = {v: target.read(v) for v in chosen}
     return found
 
 
@@ -268,13 +321,17 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
     if frames:
         kept["frames"] = pictures.frames_table(frames)
     tree = memory.tree(status, kept)
-    return Outcome(plan, reports, set(), time.perf_counter() - began, tree=tree, arrays=arrays)
+    return Outcome(plan, reports, set(), time.perf_counter() - began, tree=tree, arrays=arrays, shown_at=where_shown(plan))
 
 
 def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options) -> None:
     from threadpoolctl import threadpool_limits
 
     keep_freed_memory()
+    if options.scheduler in ("serial", "threads") and any("colour-science" in j.stage.libraries for b in batches for j in b.jobs):
+        from etendue import spectra
+
+        spectra.load_library()  # a second of imports is not the run time of whichever stage comes first
     with threadpool_limits(1):  # the results must not depend on how many threads a library would like
         if options.scheduler == "serial":
             run_serial(batches, deliver, before, after)

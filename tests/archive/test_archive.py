@@ -256,9 +256,15 @@ def test_leftovers_of_a_killed_run_are_swept(copy, plan):
 # -- to change -------------------------------------------------------------------------------------------------
 
 
-def test_values_that_left_the_sweep_do_not_read_as_its_results(copy):
-    less = plan_of({**SWEEP, "sweep.f_number": [5.6]})
-    assert run(less, copy).computed == 0
+def test_values_that_left_the_sweep_stay_while_they_are_right(copy, whole):
+    outcome = run(plan_of({**SWEEP, "sweep.f_number": [5.6]}), copy)
+    assert (outcome.computed, outcome.removed) == (0, 0)
+    assert_same_archives(copy, whole)
+
+
+def test_values_that_left_the_sweep_do_not_read_as_results_of_other_parameters(copy):
+    less = plan_of({**SWEEP, "sweep.f_number": [5.6], "camera.transmittance": 0.9})
+    assert run(less, copy).removed > 0
     with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
         assert tree["diffraction/f_number"].values.tolist() == [2.0, 5.6]
         for path, name in (("diffraction", "irradiance"), ("sharpen/32x32", "rgb_camera")):

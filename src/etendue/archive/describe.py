@@ -43,22 +43,22 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     counts: dict[str, dict[str, int]] = {}
     for cell, entry in read_journal(folder / "journal.jsonl").items():
         own = counts.setdefault(cell.split(" ")[0], {})
-        status = entry.status if entry.event == "done" else {"start": "unfinished"}.get(entry.event, entry.event)
+        status = "unfinished" if entry.event == "start" else entry.status
         own[status] = own.get(status, 0) + 1
     stages = []
     for name in attributes.get("etendue", {}).get("stages", []):
         groups = []
         for path in sorted(p.parent for p in (root / name).rglob("zarr.json")) if (root / name).exists() else []:
             document = json.loads((path / "zarr.json").read_text())
-            if document.get("node_type") == "array" and path.name != "status" and "dimension_names" in document:
-                dims = document["dimension_names"] or []
+            if document.get("node_type") == "array" and path.name != "status":
+                dims = document.get("dimension_names") or []
                 if dims == [path.name] or path.name.endswith("_um") or path.name == "wavelength_bounds":
                     continue
                 group = str(path.parent.relative_to(root))
                 sizes = dict(zip(dims, document["shape"], strict=True))
                 units = document.get("attributes", {}).get("units", "")
                 groups.append({"group": group, "variable": path.name, "dims": sizes, "units": units, "dtype": document["data_type"]})
-        stages.append({"name": name, "variables": groups, "cells": counts.get(name, {})})
+        stages.append({"name": name, "variables": groups, "cells": dict(sorted(counts.get(name, {}).items()))})
     size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
     return {
         "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": _running(folder),

@@ -108,6 +108,11 @@ def read_journal(path: Path) -> dict[str, Entry]:
     return _read(path)[0]
 
 
+def read_axes(path: Path) -> dict[str, dict[str, list[Any]]]:
+    """The axis values of every group, in stored order."""
+    return _read(path)[1]
+
+
 def _read(path: Path) -> tuple[dict[str, Entry], dict[str, dict[str, list[Any]]]]:
     """The last line of every cell, and the axis values of every group."""
     entries: dict[str, Entry] = {}

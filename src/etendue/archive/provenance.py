@@ -91,6 +91,7 @@ def write_record(folder: Path, plan: Plan, options: Mapping[str, Any]) -> Path:
     record = {
         "pipeline": plan.pipeline.name,
         "text": plan.pipeline.text,
+        "overrides": {key: str(_plain(value)) for key, value in plan.pipeline.overrides},
         "camera": {k: _plain(v) for k, v in plan.camera.items()},
         "axes": {a.key: _plain(a.values) for a in plan.axes},
         "nodes": node_records(plan),

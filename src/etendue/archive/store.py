@@ -148,10 +148,17 @@ class Archive:
         self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
         return False
 
+    def has_files(self, ref: CellRef) -> bool:
+        """Whether anything of a cell is stored, right or not."""
+        return any((self.folder / chunk.path).exists() for chunk in self.chunk_paths(self.plan.cells[ref]))
+
     # -- beginning ------------------------------------------------------------------------------------
 
-    def begin(self, todo: Collection[CellRef]) -> None:
-        """Make the store ready for a run that computes ``todo``: own it, create and grow arrays, drop what is not planned."""
+    def begin(self, todo: Collection[CellRef], outdated: Collection[CellRef] = ()) -> None:
+        """Make the store ready for a run that computes ``todo``: own it, create and grow arrays, drop what is not planned.
+
+        ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
+        """
         (self.folder / "run.id").write_text(self.run_id)
         if not self._drop_consolidated():
             self._sweep()
@@ -167,6 +174,11 @@ class Archive:
             self.root.require_group(path).update_attributes(node_attrs)
         for path, group in self.layout.groups.items():
             self._create_group(path, group)
+        for ref in outdated:
+            for chunk in self.chunk_paths(self.plan.cells[ref]):
+                (self.folder / chunk.path).unlink(missing_ok=True)
+        known = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
+        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in known)
         self._put_status(set(todo))
 
     def _drop_consolidated(self) -> bool:
@@ -243,7 +255,7 @@ class Archive:
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         if (self.folder / DATA / group.path / variable.name / "zarr.json").exists():
             array = group[variable.name]
-            same = array.dtype == np.dtype(variable.dtype) and array.metadata.dimension_names == dims
+            same = array.dtype == np.dtype(variable.dtype) and (array.metadata.dimension_names or ()) == dims
             if same and array.shape[len(sizes) :] == variable.shape and all(a <= b for a, b in zip(array.shape, shape, strict=True)):
                 if array.shape != shape:
                     array.resize(shape)

@@ -168,7 +168,8 @@ class _Expansion:
         self.cells[cell.ref] = cell
 
     def ref(self, name: str, by_dim: Mapping[str, int]) -> CellRef:
-        return (name, tuple(by_dim[dim] for dim in self.nodes[name].axes))
+        """The cell of a node at this combination; what a probe of transfer functions does not depend on is at its first value."""
+        return (name, tuple(by_dim.get(dim, 0) for dim in self.nodes[name].axes))
 
     def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
         if hasattr(stage, "carry"):
@@ -209,9 +210,11 @@ class _Expansion:
             fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
         for port, refs in looks_at:
             cells = [self.cells[ref] for ref in refs]
-            fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
             if any(p == port and what == "transfer" for p, what, _ in node.looks_at):  # asked of the stages, left out or not
-                fields[f"{port} of"] = [[cell.use, code_digest(type(cell.stage)), parameters_for_key(cell.stage)] for cell in cells]
+                fields["inputs"][port] = [[c.node, c.use, code_digest(type(c.stage)), parameters_for_key(c.stage)] for c in cells]
+                fields["wavelengths"] = [list(c.input_grids[c.inputs[0][0]].bands().edges) for c in cells[:1]]
+            else:
+                fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
         return fields, key_of(fields)
 
     def seed(self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, index: tuple[int, ...]) -> bytes:

@@ -356,8 +356,12 @@ class _Builder:
             inputs = tuple(self.bind(entry, one, nodes, names) for one in made)
             looks_at = self.looks(made[0].kind, nodes)
             reach = {dim for dim, _ in direct.get(entry.name, [])} | ({entry.name} if use_axes[entry.name] else set())
-            for source in {b[1] for bound in inputs for b in bound} | {n for _, _, ns in looks_at for n in ns}:
+            for source in {b[1] for bound in inputs for b in bound} | {n for _, what, ns in looks_at if what != "transfer" for n in ns}:
                 reach |= set(next(n for n in nodes if n.name == source).axes)
+            for looked in (n for n in nodes for _, what, ns in looks_at if what == "transfer" and n.name in ns):
+                # a transfer function depends on its stage, and on the wavelengths of the scenes in front of it
+                for n in [looked, *(s for s in _ancestors(looked, nodes) if s.is_source)]:
+                    reach |= {dim for dim, _ in n.direct} | ({n.use_axis} if n.use_axis else set())
             node = Node(
                 name=entry.name,
                 number=number,
@@ -449,6 +453,18 @@ def _segment(node: Node, earlier: list[Node]) -> tuple[str, ...]:
     if source.is_transfer and not ends_in_sum(source.kind):
         return (*source.segment, node.name)
     return (node.name,)
+
+
+def _ancestors(node: Node, nodes: list[Node]) -> list[Node]:
+    """Every node that a node reads from, at any distance."""
+    by_name = {n.name: n for n in nodes}
+    found: dict[str, Node] = {}
+    open_ = [node]
+    while open_:
+        for source in {s for bound in open_.pop().inputs for _, s, _ in bound} - set(found):
+            found[source] = by_name[source]
+            open_.append(by_name[source])
+    return list(found.values())
 
 
 def _prune(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:

@@ -7,7 +7,7 @@ reach it. A ``CellRef`` names a cell by its node and the position on each of the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from etendue.spec.facts import Facts
@@ -130,7 +130,7 @@ class Plan:
     precision: str
     camera: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
-    costs: Mapping[str, Any] = field(default_factory=dict)
+    leaves_out: bool = True  # whether anything may be left out
 
     def node(self, name: str) -> Node:
         for node in self.nodes:

@@ -41,6 +41,7 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
         kept=kept,
         precision=precision,
         camera=graph.camera,
+        leaves_out=leave_out_allowed,
         warnings=(*graph.warnings, *_warnings(graph.nodes, cells)),
     )
     return plan

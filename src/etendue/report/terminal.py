@@ -183,6 +183,10 @@ def replay(plan: Plan, ref: CellRef) -> str:
     """The command that computes one cell and what it needs, alone. Axes that do not reach it stand at their first value."""
     labels = plan.labels(ref)
     words = ["etendue", "run", plan.pipeline.file]
+    swept = {axis.key for axis in plan.axes}
+    for key, value in plan.pipeline.overrides:
+        if not key.startswith("sweep.") and key not in ("wanted", "keep") and key.removeprefix("camera.") not in swept:
+            words += ["--set", f"{key}={value}"]
     for axis in plan.axes:
         value = labels.get(axis.dim, axis.values[0])
         stage, _, parameter = axis.key.partition(".")
@@ -221,6 +225,8 @@ def print_outcome(outcome: Any) -> None:
             console.print(f"left out: {row['name']}, wrong by at most {row['left_out']['bound']:.2g}: {escape(row['left_out']['why'])}")
     for name, why in outcome.reasons.items():
         console.print(f"computed again: {name}, because {escape(why)}")
+    if outcome.removed:
+        console.print(f"removed: {outcome.removed} cells of earlier runs at other axis values, which would come out differently now")
     clipped = [r for r in outcome.reports.values() if r.clipped_flux > 0]
     if clipped:
         worst = max(clipped, key=lambda r: r.clipped_flux)
@@ -231,8 +237,11 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"  again, alone: {escape(replay(outcome.plan, ref))}", soft_wrap=True)
     if len(outcome.failed) > 5:
         console.print(f"failed: {len(outcome.failed) - 5} more; see the ledger")
-    for name, value, unit in headlines(outcome.plan, outcome.arrays):
-        console.print(f"{name:32s} {value:.5g} {unit}")
+    figures = headlines(outcome.plan, outcome.arrays)
+    if figures and outcome.shown_at:
+        console.print(f"figures and pictures{escape(outcome.shown_at)}:")
+    for name, value, unit in figures:
+        console.print(f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip())
     if outcome.archive:
         console.print(f"archive        {outcome.archive}", soft_wrap=True)
     for picture in outcome.pictures:

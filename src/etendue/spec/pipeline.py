@@ -51,6 +51,7 @@ class Pipeline:
     file: str = ""
     folder: Path = Path(".")
     text: str = ""
+    overrides: tuple[tuple[str, Any], ...] = ()  # what the command line put in place of the file's words
     faults: tuple[Fault, ...] = ()  # of form; the planner reports them with its own
     whole: bool = True  # whether every stage table could be read
     lines: Mapping[str, int] = field(default_factory=dict)  # of tables and keys in the file
@@ -108,7 +109,8 @@ def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), override
     lines = _lines(text)
     for place in apply_overrides(document, overrides or {}, file):
         lines[place] = 0  # no longer what stands in the file
-    return replace(from_document(document, file), folder=folder, text=text, lines=lines)
+    given = tuple((key, value) for key, value in (overrides or {}).items())
+    return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=given)
 
 
 def _not_toml(text: str, message: str) -> Fault:

@@ -31,7 +31,13 @@ LONG_NAMES = {
     "rgb_linear": "linear display primaries",
     "xyz_display": "tristimulus values of the displayed light",
     "rgb_display": "encoded display values",
-    "mtf50": "spatial frequency at which the contrast has fallen to one half",
+    "mtf50": "frequency of half contrast",
+    "mtf50_lp_mm": "frequency of half contrast, line pairs per mm",
+    "mean_snr": "mean signal-to-noise ratio",
+    "clipped_fraction": "share of clipped pixels",
+    "black_fraction": "share of black pixels",
+    "dr_elgamal": "dynamic range, dark noise as smallest signal",
+    "dr_emva": "dynamic range, SNR = 1 as smallest signal",
 }
 
 

@@ -11,6 +11,7 @@ from etendue.spectra.library import (
     cone_fundamentals,
     display_primaries,
     illuminant,
+    load_library,
     luminous_efficiency,
     rgb_space_matrix,
     xyz_to_lms_matrix,
@@ -20,6 +21,6 @@ from etendue.spectra.upsampling import srgb_to_xyz, upsampling_basis
 
 __all__ = [
     "Edges", "FloatArray", "absolute_scale", "adaptation_matrix", "camera_sensitivity", "check_camera", "check_illuminant",
-    "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "display_primaries", "illuminant",
+    "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "display_primaries", "illuminant", "load_library",
     "luminous_efficiency", "rgb_space_matrix", "srgb_to_xyz", "table_from_csv", "upsampling_basis", "xyz_to_lms_matrix",
 ]  # fmt: skip

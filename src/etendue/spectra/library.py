@@ -40,6 +40,11 @@ def colour_version() -> str:
     return importlib.metadata.version("colour-science")
 
 
+def load_library() -> None:
+    """Import colour-science now, where it is known that a table will be asked for."""
+    colour_science()
+
+
 @lru_cache(maxsize=1)
 def colour_science() -> ModuleType:
     """colour-science, imported late, without its remarks about optional packages we do not use."""

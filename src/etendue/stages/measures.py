@@ -140,7 +140,7 @@ class Resolution(Probe):
 
     reads: ClassVar = {"transfers": "*.transfer [1]"}
     writes: ClassVar = {"mtf50": "stage [um-1] nan", "mtf50_lp_mm": "stage [mm-1] nan"}
-    nanoseconds: ClassVar = 1e6
+    nanoseconds: ClassVar = 1.5e7
 
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
     nodes: int = param(

@@ -114,7 +114,7 @@ class _Blur(Stage):
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar[float | None] = 1.5  # where the grid cuts the transfer function off: 1.13 diffraction, 1.27 Gaussian at worst
     negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 60.0
+    nanoseconds: ClassVar = 25.0
 
     def changes_nothing(self) -> bool:
         return False
@@ -152,7 +152,7 @@ class Diffraction(_Blur):
         shortest = grid.bands().edges[0] * 1e-3
         cutoff = 1.0 / (shortest * float(radiometry.working_f_number(self.f_number, self.magnification)))
         nyquist = 0.5 / grid.line("x").step
-        if facts.uniform or min(cutoff, facts.band_limit or math.inf) <= 1.001 * nyquist:
+        if facts.uniform or facts.band_limit is None or min(cutoff, facts.band_limit) <= 1.001 * nyquist:
             return []
         return [f"the grid of {grid.line('x').step:g} um is too coarse for what the lens passes; give the scene a smaller spacing"]
 

@@ -27,7 +27,7 @@ class Diffusion(Stage):
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off
     negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 60.0
+    nanoseconds: ClassVar = 5.0
 
     depletion_depth: float = quantity("depletion_depth")
     diffusion_depth: float = quantity("diffusion_depth")
