@@ -54,7 +54,15 @@ def measure(way: str) -> dict:  # type: ignore[type-arg]
                 size = sum(p.stat().st_size for p in archive[1].rglob("*") if p.is_file())
     shutil.rmtree(folder)
     points = len(plan.of("encode"))
-    return {"wall": wall, "cpu": cpu, "digest": digest.hexdigest(), "bytes": size, "memory": peak_memory(), "cells": len(plan.cells), "points": points}
+    return {
+        "wall": wall,
+        "cpu": cpu,
+        "digest": digest.hexdigest(),
+        "bytes": size,
+        "memory": peak_memory(),
+        "cells": len(plan.cells),
+        "points": points,
+    }
 
 
 def main() -> None:
@@ -78,13 +86,15 @@ def main() -> None:
     )
     cpu = {way: min(r["cpu"] for r in found) for way, found in runs.items()}
     for way, found in runs.items():
+        wall, memory = min(r["wall"] for r in found), max(r["memory"] for r in found)
         print(
-            f"{way:22s} wall {min(r['wall'] for r in found):7.3f} s   CPU {cpu[way]:7.3f} s   {1e3 * cpu[way] / first['points']:6.2f} ms a point   "
-            f"peak memory {max(r['memory'] for r in found) / 1e6:5.0f} MB"
+            f"{way:22s} wall {wall:7.3f} s   CPU {cpu[way]:7.3f} s   {1e3 * cpu[way] / first['points']:6.2f} ms a point   "
+            f"peak memory {memory / 1e6:5.0f} MB"
         )
     print(f"overhead without storing   {100 * (cpu['engine'] / cpu['loop'] - 1):6.1f} %   (goal <= 10 %)")
     stored = runs["engine, storing all"][0]["bytes"]
-    print(f"overhead, storing all      {100 * (cpu['engine, storing all'] / cpu['loop'] - 1):6.1f} %   ({stored / 1e6:.0f} MB: all variables of all cells)")
+    storing = 100 * (cpu["engine, storing all"] / cpu["loop"] - 1)
+    print(f"overhead, storing all      {storing:6.1f} %   ({stored / 1e6:.0f} MB: all variables of all cells)")
     print(f"share of storing           {100 * (1 - cpu['engine'] / cpu['engine, storing all']):6.1f} %   of the engine's CPU time")
 
 

@@ -112,12 +112,16 @@ class Camera:
         cell = self.cell("exposure", **at)
         seed = self.plan.pipeline.seed
         grid = cell.grids["expected_charge"]
-        charge = cell.stage.run(np.maximum(photocurrent, 0), SensorRandom(f"{seed}|exposure|1".encode(), grid, self.plan.precision))["expected_charge"]
+        charge = cell.stage.run(np.maximum(photocurrent, 0), SensorRandom(f"{seed}|exposure|1".encode(), grid, self.plan.precision))[
+            "expected_charge"
+        ]
         cell = self.cell("shot_noise", **at)
         charge = cell.stage.run(charge, philox(cell.seed))["charge"]
         charge = self.cell("full_well", **at).stage.run(charge)["charge"]
         cell = self.cell("read_noise", **at)
-        charge = cell.stage.run(charge, philox(cell.seed), SensorRandom(f"{seed}|read_noise|1".encode(), grid, self.plan.precision))["charge"]
+        charge = cell.stage.run(charge, philox(cell.seed), SensorRandom(f"{seed}|read_noise|1".encode(), grid, self.plan.precision))[
+            "charge"
+        ]
         raw = self.cell("adc", **at).stage.run(charge)["raw"]
         linear = self.cell("linearise", **at).stage.run(raw)["mosaic_linear"].astype(self.dtype)
         rgb = self.cell("demosaic", **at).stage.run(linear)["rgb_camera"]

@@ -66,7 +66,10 @@ KERNELS: dict[str, tuple[Callable[..., Any], bool]] = {
     "otf_diffraction": (lambda dt, **v: diffraction.circular_otf(A(v["f_cyc_per_um"], dt), v["lam_um"], v["N"]), True),
     "pixel_airy": (lambda dt, **v: diffraction.pixel_airy(v["i"], v["j"], v["p_um"], v["lam_um"], v["N"]), False),
     "mtf_geometric": (lambda dt, **v: photodiode.aperture_otf(A(v["f_cyc_per_um"], dt), v["w_um"]), True),
-    "irradiance_paraxial": (lambda dt, **v: radiometry.flat_disc_factor(v["N"], v["m_signed"]) * radiometry.cos4(A(_tan(v["phi_deg"]), dt)), True),
+    "irradiance_paraxial": (
+        lambda dt, **v: radiometry.flat_disc_factor(v["N"], v["m_signed"]) * radiometry.cos4(A(_tan(v["phi_deg"]), dt)),
+        True,
+    ),
     "irradiance_disk": (lambda dt, **v: radiometry.disc_factor(v["N"], A(_tan(v["phi_deg"]), dt), v["m_signed"]), True),
     "irradiance_abbe": (lambda dt, **v: radiometry.aplanatic_factor(v["N"], v["m_signed"]), False),
     "diffusion_D": (_collection(photodiode.collection), True),

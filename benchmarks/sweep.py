@@ -55,7 +55,10 @@ def engine_runs(plan, archive: bool) -> None:  # type: ignore[no-untyped-def]
         kept = f"{size / 1e6:.0f} MB stored" if archive else "encoded pictures kept in memory"
         print(f"  engine, {label:10s} wall {wall:7.2f} s   CPU {cpu:7.2f} s   {kept}")
     base = rows["1 thread"], rows["2 threads"]
-    for separate, text in ((True, "naive script: float64, a transform pair for every blur"), (False, "naive loop: the same joined float32 kernels, nothing shared")):
+    for separate, text in (
+        (True, "naive script: float64, a transform pair for every blur"),
+        (False, "naive loop: the same joined float32 kernels, nothing shared"),
+    ):
         wall, cpu = naive_seconds(plan, separate)
         print(
             f"  {text}: {1e3 * wall:.1f} ms a point (mean of {CELLS} random cells), scaled to 1000: {1000 * wall:.1f} s; "

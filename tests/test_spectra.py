@@ -23,9 +23,7 @@ def widths(edges):
 
 def xyz(reflectance, edges):
     """XYZ under D65, Y of the perfect diffuser 1, from the public bin means alone."""
-    weight = (
-        spectra.illuminant("D65", edges)[:, None] * spectra.colour_matching(edges) * widths(edges)[:, None]
-    )
+    weight = spectra.illuminant("D65", edges)[:, None] * spectra.colour_matching(edges) * widths(edges)[:, None]
     return reflectance.T @ weight / weight[:, 1].sum()
 
 
@@ -46,18 +44,14 @@ def tables(edges):
 
 
 def run_python(code, *flags):
-    return subprocess.run(
-        [sys.executable, *flags, "-c", code], capture_output=True, text=True, timeout=120, check=False
-    )
+    return subprocess.run([sys.executable, *flags, "-c", code], capture_output=True, text=True, timeout=120, check=False)
 
 
 # --------------------------------------------------------------------------------------------- the import
 
 
 def test_importing_spectra_and_asking_the_version_does_not_import_colour():
-    done = run_python(
-        "import sys, etendue.spectra as s\nprint(s.colour_version()); assert 'colour' not in sys.modules"
-    )
+    done = run_python("import sys, etendue.spectra as s\nprint(s.colour_version()); assert 'colour' not in sys.modules")
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == spectra.colour_version()
 
@@ -98,9 +92,7 @@ def test_feet_of_a_curve_keep_their_relative_precision():
 
 def test_a_bin_centred_on_a_row_of_a_linear_table_is_weighted_one_six_one():
     # D65 at 450, 455, 460 nm is 117.008, 117.410, 117.812 (CIE): bin of one spacing about the middle row
-    assert_allclose(
-        spectra.illuminant("D65", [452.5, 457.5])[0], (117.008 + 6 * 117.410 + 117.812) / 8, rtol=ROUNDING
-    )
+    assert_allclose(spectra.illuminant("D65", [452.5, 457.5])[0], (117.008 + 6 * 117.410 + 117.812) / 8, rtol=ROUNDING)
 
 
 def test_equal_energy_is_one_hundred_in_every_bin():
@@ -119,9 +111,7 @@ def test_a_spectral_line_puts_its_energy_into_the_bin_that_owns_it():
 @given(wavelength=st.floats(380.0, 780.0))
 @settings(max_examples=30, deadline=None)
 def test_every_spectral_line_has_unit_energy(wavelength):
-    assert spectra.illuminant(f"{wavelength!r} nm", VISIBLE_10) @ widths(VISIBLE_10) == pytest.approx(
-        1, abs=1e-15
-    )
+    assert spectra.illuminant(f"{wavelength!r} nm", VISIBLE_10) @ widths(VISIBLE_10) == pytest.approx(1, abs=1e-15)
 
 
 def test_sensitivities_are_zero_and_reflectances_held_outside_their_tables():
@@ -135,9 +125,7 @@ def test_sensitivities_are_zero_and_reflectances_held_outside_their_tables():
 
 def test_a_bin_half_outside_a_table_counts_only_its_inner_half():
     half = spectra.camera_sensitivity("Sigma SDMerill (NPL)", [395.0, 405.0])[1]
-    assert_allclose(
-        half, 0.5 * spectra.camera_sensitivity("Sigma SDMerill (NPL)", [400.0, 405.0])[1], rtol=ROUNDING
-    )
+    assert_allclose(half, 0.5 * spectra.camera_sensitivity("Sigma SDMerill (NPL)", [400.0, 405.0])[1], rtol=ROUNDING)
 
 
 def test_no_table_is_negative():
@@ -299,9 +287,7 @@ def test_white_rgb_is_the_perfect_diffuser_also_in_the_infrared():
 
 def test_white_rgb_has_the_white_of_the_same_bins():
     white = xyz(np.ones((len(VISIBLE_10) - 1, 1)), VISIBLE_10)[0]
-    assert_allclose(
-        xyz((spectra.upsampling_basis(VISIBLE_10) @ np.ones(3))[:, None], VISIBLE_10)[0], white, rtol=1e-13
-    )
+    assert_allclose(xyz((spectra.upsampling_basis(VISIBLE_10) @ np.ones(3))[:, None], VISIBLE_10)[0], white, rtol=1e-13)
     assert_allclose(spectra.srgb_to_xyz(VISIBLE_10) @ np.ones(3), white, rtol=1e-13)
 
 
@@ -312,9 +298,7 @@ def test_binned_srgb_matrix_tends_to_the_standard_one():
     assert_allclose(spectra.srgb_to_xyz(VISIBLE_10), standard, atol=1.1e-3)
 
 
-@pytest.mark.parametrize(
-    "edges", [[380.0, 390.0, 400.0, 410.0], [400.0, 550.0, 700.0], [800.0, 900.0, 1000.0, 1100.0]]
-)
+@pytest.mark.parametrize("edges", [[380.0, 390.0, 400.0, 410.0], [400.0, 550.0, 700.0], [800.0, 900.0, 1000.0, 1100.0]])
 def test_bins_that_cannot_tell_primaries_apart_are_refused(edges):
     with pytest.raises(ValueError, match="edges must"):
         spectra.upsampling_basis(edges)
@@ -352,9 +336,7 @@ def test_an_illuminant_is_not_extrapolated():
         spectra.illuminant("D65", np.arange(380.0, 1101.0, 10.0))
 
 
-@pytest.mark.parametrize(
-    "edges", [[400.0], [[400.0, 500.0]], [500.0, 400.0], [400.0, 400.0], [0.0, 1.0], [400.0, np.inf]]
-)
+@pytest.mark.parametrize("edges", [[400.0], [[400.0, 500.0]], [500.0, 400.0], [400.0, 400.0], [0.0, 1.0], [400.0, np.inf]])
 def test_edges_that_are_no_axis_are_refused(edges):
     with pytest.raises(ValueError, match="edges must be"):
         spectra.colour_matching(edges)
@@ -423,10 +405,10 @@ def test_the_list_of_names_for_plans_is_that_of_the_library():
 
     from etendue.spectra.names import tables
 
-    for kind, library in (
+    for kind, held in (
         ("illuminant", colour.SDS_ILLUMINANTS),
         ("camera", colour.MSDS_CAMERA_SENSITIVITIES),
         ("display", colour.MSDS_DISPLAY_PRIMARIES),
     ):
-        found = {name: (float(library[name].wavelengths[0]), float(library[name].wavelengths[-1])) for name in list(library)}
+        found = {name: (float(held[name].wavelengths[0]), float(held[name].wavelengths[-1])) for name in list(held)}
         assert tables(kind) == found

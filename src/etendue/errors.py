@@ -1,11 +1,11 @@
 """The errors etendue raises, grouped by who can act on them.
 
-    EtendueError
-    ├── RequestError        the person with the pipeline file or the command line   exit 2
-    ├── PluginError         the author of a stage: it broke its own declaration     a failed cell, exit 3
-    ├── ArchiveError        the person with the archive                             exit 2
-    │   └── ArchiveInUse    another run owns it                                     exit 4
-    └── MachineError        the machine is short of disk or memory                  exit 5
+EtendueError
+├── RequestError        the person with the pipeline file or the command line   exit 2
+├── PluginError         the author of a stage: it broke its own declaration     a failed cell, exit 3
+├── ArchiveError        the person with the archive                             exit 2
+│   └── ArchiveInUse    another run owns it                                     exit 4
+└── MachineError        the machine is short of disk or memory                  exit 5
 """
 
 from __future__ import annotations

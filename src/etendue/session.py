@@ -288,7 +288,8 @@ def _merge_journal(outcome: Outcome, store: Any) -> None:
 def _as_stored(outcome: Outcome, store: Any) -> dict[CellRef, CellReport]:
     """Reports for the tables of an archive: what became of a cell, whichever run computed it."""
     return {
-        ref: replace(r, status=store.journal.entries[store.names[ref]].status) if r.status == "reused" else r for ref, r in outcome.reports.items()
+        ref: replace(r, status=store.journal.entries[store.names[ref]].status) if r.status == "reused" else r
+        for ref, r in outcome.reports.items()
     }
 
 
@@ -312,7 +313,13 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
 
     progress.begin(len(todo))
     try:
-        _run(partition(jobs, options.batch_seconds), frozenset(todo), lambda b: progress.starting(tuple({j.ref[0] for j in b.jobs})), after, options)
+        _run(
+            partition(jobs, options.batch_seconds),
+            frozenset(todo),
+            lambda b: progress.starting(tuple({j.ref[0] for j in b.jobs})),
+            after,
+            options,
+        )
     finally:
         progress.end()
     status = {ref: {"done": "done", "left_out": "left_out"}.get(r.status, r.status) for ref, r in reports.items()}
@@ -371,7 +378,9 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
     peak = planner.peak_memory(plan) + (need if archive is None else 0)
     if available and peak > available:
         where = "held in memory" if archive is None else "held at once"
-        raise MachineError(f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep")
+        raise MachineError(
+            f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep"
+        )
     if archive is not None:
         folder = archive.absolute()
         while not folder.exists():
@@ -379,7 +388,9 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
         held = sum(f.stat().st_size for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
         free = shutil.disk_usage(folder).free + held
         if need > free:
-            raise MachineError(f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep")
+            raise MachineError(
+                f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep"
+            )
 
 
 def _available_memory() -> int:
@@ -453,7 +464,9 @@ def simulate(
         first = outcome.failed[0]
         from etendue.errors import PluginError
 
-        raise PluginError(f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels((first.stage, first.index))}: {first.message}")
+        raise PluginError(
+            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels((first.stage, first.index))}: {first.message}"
+        )
     if archive is None:
         return outcome.tree
     import xarray

@@ -183,6 +183,17 @@ def test_records_are_strict_json_even_with_an_infinite_parameter(tmp_path):
 # -- to resume -------------------------------------------------------------------------------------------------
 
 
+def test_a_second_run_keeps_figures_that_no_axis_reaches(tmp_path):
+    plan = plan_of({"wanted": ["raw", "clipped_fraction", "mtf50"]})
+    run(plan, tmp_path / "one")
+    run(plan, tmp_path / "two")
+    for _ in range(2):
+        outcome = run(plan, tmp_path / "two")
+        assert outcome.computed == 0
+        assert np.isfinite(outcome.arrays[("exposure_report", ())]["clipped_fraction"])
+        assert_same_archives(tmp_path / "two", tmp_path / "one")
+
+
 def test_it_resumes_where_it_was_copied_to(copy, plan):
     assert run(plan, copy).computed == 0
 

@@ -63,7 +63,8 @@ def test_electrons_of_a_uniform_555_nm_scene_are_those_of_hand_arithmetic():
 def test_a_grey_surface_stays_grey_through_the_whole_camera():
     document = camera(
         "pixel", *SENSOR, *COLOUR, scene={"reflectance": 0.5, "white_luminance": 2000}, shot_noise={"exact_below": "inf"},
-        exposure={"prnu": 0, "dark_nonuniformity": 0}, camera={"bits": 16, "full_well_density": 1e6, "integration_time": 0.2, "illuminant": "A"},
+        exposure={"prnu": 0, "dark_nonuniformity": 0}, 
+        camera={"bits": 16, "full_well_density": 1e6, "integration_time": 0.2, "illuminant": "A"},
     )  # fmt: skip
     tree = etendue.simulate(document)
     linear = tree["display"].rgb_linear.values.mean(axis=(1, 2))
@@ -76,7 +77,9 @@ def test_a_grey_surface_stays_grey_through_the_whole_camera():
 def test_a_window_of_the_sensor_equals_the_crop_of_the_whole():
     stages = ("pixel", *SENSOR[:-1])
     noisy = {"read_noise": 0, "dsnu": 20, "dark_current_density": 1e-8}
-    whole = etendue.simulate(camera(*stages, scene={"width": 600, "height": 500}, pixel={"rows": 80, "columns": 90}, camera=noisy, wanted=["expected_charge"]))
+    whole = etendue.simulate(
+        camera(*stages, scene={"width": 600, "height": 500}, pixel={"rows": 80, "columns": 90}, camera=noisy, wanted=["expected_charge"])
+    )
     part = etendue.simulate(
         camera(
             *stages, scene={"width": 600, "height": 500},
@@ -91,7 +94,9 @@ def test_a_window_of_the_sensor_equals_the_crop_of_the_whole():
 
 
 def test_the_fixed_pattern_is_the_same_in_every_cell_and_another_sensor_has_another():
-    document = camera("pixel", *SENSOR[:-1], pixel={"rows": 6, "columns": 6}, exposure={"prnu": 0.05, "dark_nonuniformity": 0}, wanted=["expected_charge"])
+    document = camera(
+        "pixel", *SENSOR[:-1], pixel={"rows": 6, "columns": 6}, exposure={"prnu": 0.05, "dark_nonuniformity": 0}, wanted=["expected_charge"]
+    )
     document["sweep"] = {"integration_time": [0.001, 0.004]}
     charge = etendue.simulate(document)["exposure"].expected_charge.values
     np.testing.assert_allclose(charge[1], 4 * charge[0], rtol=1e-14)
@@ -102,10 +107,18 @@ def test_the_fixed_pattern_is_the_same_in_every_cell_and_another_sensor_has_anot
 
 def test_common_noise_moves_with_the_mean_and_independent_noise_does_not():
     def draws(noise):
-        document = camera("pixel", *SENSOR[:3], scene={"width": 400, "height": 400}, exposure={"prnu": 0}, camera={"noise": noise, "f_number": 16}, wanted=["charge"])
+        document = camera(
+            "pixel",
+            *SENSOR[:3],
+            scene={"width": 400, "height": 400},
+            exposure={"prnu": 0},
+            camera={"noise": noise, "f_number": 16},
+            wanted=["charge"],
+        )
         document["sweep"] = {"integration_time": [0.01, 0.0101]}
         charge = etendue.simulate(document)["shot_noise"].charge.values
         return charge[1] - charge[0], charge
+
     difference, charge = draws("common")
     assert difference.min() >= 0  # inverse CDF of one uniform per pixel: monotone in the mean
     difference, charge = draws("independent")

@@ -36,9 +36,7 @@ def spots(y, x, low, high, softness):
 
 
 def whole(y, x, low, high, softness):
-    return composite.composite(
-        y, x, 80.0, 60.0, softness, highest_frequency=0.5, low=low, high=high, cycles=12
-    ).grey
+    return composite.composite(y, x, 80.0, 60.0, softness, highest_frequency=0.5, low=low, high=high, cycles=12).grey
 
 
 CHARTS = [edge, star, plate, wedge, spots]
@@ -111,12 +109,7 @@ def test_derivative_along_the_normal_is_the_gaussian(angle):
     distance = np.linspace(-6.0, 6.0, 41)
 
     def value(at):
-        return np.array(
-            [
-                charts.slanted_edge([p * normal[0]], [p * normal[1]], angle, 0.2, 0.9, softness)[0, 0]
-                for p in at
-            ]
-        )
+        return np.array([charts.slanted_edge([p * normal[0]], [p * normal[1]], angle, 0.2, 0.9, softness)[0, 0] for p in at])
 
     slope = (value(distance + step) - value(distance - step)) / (2 * step)
     gaussian = 0.7 * np.exp(-0.5 * (distance / softness) ** 2) / (softness * np.sqrt(2 * np.pi))
@@ -188,10 +181,7 @@ def test_star_is_within_one_over_cycles_squared_of_the_exact_convolution(cycles)
 def test_star_repeats_after_one_period_of_angle():
     radius, cycles = 10.0, 12
     angles = 0.3 + 2 * np.pi * np.arange(cycles) / cycles
-    value = [
-        charts.siemens_star([radius * np.sin(a)], [radius * np.cos(a)], cycles, 20.0, 0.1, 0.9, 0.5)[0, 0]
-        for a in angles
-    ]
+    value = [charts.siemens_star([radius * np.sin(a)], [radius * np.cos(a)], cycles, 20.0, 0.1, 0.9, 0.5)[0, 0] for a in angles]
     assert_allclose(value, value[0], rtol=1e-13)
 
 
@@ -317,9 +307,7 @@ def test_contribution_of_patches_is_the_sum_over_their_planes():
     grid = (4, 6, 60.0, 40.0, 1.0, 0.8)
     spectra = np.random.default_rng(1).uniform(size=(24, 5))
     fast = composite.patch_contribution(*composite.patches_factors(Y, X, *grid), spectra)
-    assert_allclose(
-        fast, np.einsum("pl,pyx->lyx", spectra, composite.patches(Y, X, *grid)), rtol=0, atol=1e-15
-    )
+    assert_allclose(fast, np.einsum("pl,pyx->lyx", spectra, composite.patches(Y, X, *grid)), rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(("rows", "gap", "message"), [(0, 0.0, "rows"), (2, -1.0, "gap"), (3, 20.0, "gap")])
@@ -335,9 +323,7 @@ def test_grids_of_patches_that_cannot_be_are_refused(rows, gap, message):
 @settings(max_examples=15, deadline=None)
 def test_possible_reflectances_give_a_composite_within_zero_and_one(levels, softness, seed):
     low, high = levels
-    chart = composite.composite(
-        Y, X, 80.0, 60.0, softness, highest_frequency=0.5, low=low, high=high, cycles=12
-    )
+    chart = composite.composite(Y, X, 80.0, 60.0, softness, highest_frequency=0.5, low=low, high=high, cycles=12)
     spectra = np.random.default_rng(seed).uniform(size=(24, 3))
     cube = chart.grey[None] + composite.patch_contribution(chart.rows, chart.columns, spectra)
     assert cube.min() >= 0 and cube.max() <= 1 + 1e-15
@@ -363,9 +349,7 @@ def test_each_edge_window_holds_one_edge_and_nothing_else(angle):
     for name in ("edge_vertical", "edge_horizontal"):
         top, bottom, left, right = regions[name]
         y, x = np.linspace(top, bottom, 40), np.linspace(left, right, 41)
-        value = composite.composite(
-            y, x, width, height, softness, highest_frequency=0.2, low=0.1, high=0.7, angle_deg=angle
-        ).grey
+        value = composite.composite(y, x, width, height, softness, highest_frequency=0.2, low=0.1, high=0.7, angle_deg=angle).grey
         if name == "edge_vertical":  # light outside on the left: the edge chart with its levels swapped
             expected = 0.8 - charts.slanted_edge(y - centre, x, angle, 0.1, 0.7, softness, -half)
         else:  # the same edge after a quarter turn, which takes (y, x) to (x, -y)

@@ -31,9 +31,7 @@ def floats(rows):
 def test_display_matrices_and_their_inverses_are_held(matrix, name, inverse):
     if name:
         assert_allclose(matrix, floats(extra("matrices")[name]), rtol=1e-14)
-    assert_allclose(
-        np.linalg.inv(matrix), floats(extra("matrices")[inverse]), rtol=1e-14 * 5
-    )  # condition 4-5
+    assert_allclose(np.linalg.inv(matrix), floats(extra("matrices")[inverse]), rtol=1e-14 * 5)  # condition 4-5
 
 
 def test_conditions_and_whites_of_the_display_matrices_are_held():

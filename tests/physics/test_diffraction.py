@@ -53,10 +53,7 @@ def test_energy_on_a_pixel_matches_the_reference():
 
 
 def test_resolution_numbers_match_the_reference():
-    airy = {
-        key: [float(v) for v in value] if isinstance(value, list) else float(value)
-        for key, value in extra("airy").items()
-    }
+    airy = {key: [float(v) for v in value] if isinstance(value, list) else float(value) for key, value in extra("airy").items()}
     rtol = 1e-15  # constants of 18 digits
     assert_allclose(AIRY_DIAMETER, airy["first_dark_ring_diameter_in_lamN"], rtol=rtol)
     assert_allclose(RAYLEIGH, airy["zeros_of_pattern_in_lamN(radius)"][0], rtol=rtol)
@@ -224,14 +221,10 @@ def test_tiny_pixels_sample_the_density(row, column, f_number):
 def test_separations_scale_with_wavelength_and_f_number():
     assert_allclose(airy_diameter(0.555, 8.0), 2.44 * 0.555 * 8.0, rtol=3e-4)  # the paper's 10.83 um, rounded
     assert_allclose(rayleigh_separation(0.555, 8.0), airy_diameter(0.555, 8.0) / 2.0, rtol=1e-15)
-    assert (
-        sparrow_separation(0.555, 8.0) < 1.0 / cutoff_frequency(0.555, 8.0) < rayleigh_separation(0.555, 8.0)
-    )
+    assert sparrow_separation(0.555, 8.0) < 1.0 / cutoff_frequency(0.555, 8.0) < rayleigh_separation(0.555, 8.0)
 
 
-@pytest.mark.parametrize(
-    "kernel", [airy_intensity, airy_psf_density, airy_encircled, airy_outside, circular_otf]
-)
+@pytest.mark.parametrize("kernel", [airy_intensity, airy_psf_density, airy_encircled, airy_outside, circular_otf])
 def test_kernels_refuse_what_has_no_meaning_and_leave_inputs_alone(kernel):
     with pytest.raises(ValueError, match="wavelength is 0"):
         kernel(1.0, 0.0, 2.8)

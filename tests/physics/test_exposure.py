@@ -25,9 +25,7 @@ GROUPS = {
     "snr_db": lambda c: exposure.snr_db(c["Ne"], dark(c), c["sr_e"], c["sdsnu_e"], c["prnu"]),
     "emva_snr": lambda c: exposure.emva_snr(c["mu_p"], c["eta"], c["K_DN_per_e"], c["sigma_d_e"]),
     "emva_mu_p_min": lambda c: exposure.emva_smallest_photons(c["eta"], c["K_DN_per_e"], c["sigma_d_e"]),
-    "emva_mu_p_min_approx": lambda c: exposure.emva_smallest_photons_approx(
-        c["eta"], c["K_DN_per_e"], c["sigma_d_e"]
-    ),
+    "emva_mu_p_min_approx": lambda c: exposure.emva_smallest_photons_approx(c["eta"], c["K_DN_per_e"], c["sigma_d_e"]),
 }
 
 
@@ -88,9 +86,7 @@ def test_asking_for_snr_one_is_stricter_than_asking_for_the_dark_noise(well, dar
 def test_infinite_light_is_limited_by_prnu_alone():
     # at 1e30 electrons the shot noise is 1e-13 of the PRNU's: 20 log10(1/prnu) to rounding, and no overflow
     assert_allclose(exposure.snr_db(1e30, 0.0, 20.0, 10.0, 0.01), 40.0, rtol=1e-14)
-    assert_allclose(
-        exposure.snr_db(np.float32(1e30), np.float32(0), *np.float32([20, 10, 0.01])), 40, rtol=1e-6
-    )
+    assert_allclose(exposure.snr_db(np.float32(1e30), np.float32(0), *np.float32([20, 10, 0.01])), 40, rtol=1e-6)
 
 
 def test_float32_maps_stay_float32():

@@ -37,9 +37,7 @@ def test_gaussian_blur_depends_on_the_distance_from_zero_frequency_only(sigma, f
 def test_two_gaussian_blurs_are_one_with_the_summed_variance(one, other):
     fy, fx = np.linspace(-0.3, 0.3, 7)[:, None], np.linspace(0.0, 0.3, 4)[None, :]
     both = gaussian_otf(fy, fx, one) * gaussian_otf(fy, fx, other)
-    assert_allclose(
-        both, gaussian_otf(fy, fx, np.hypot(one, other)), rtol=1e-12, atol=1e-300
-    )  # exponents to 180
+    assert_allclose(both, gaussian_otf(fy, fx, np.hypot(one, other)), rtol=1e-12, atol=1e-300)  # exponents to 180
 
 
 def test_half_the_width_at_half_maximum_is_half_the_maximum():
@@ -65,10 +63,7 @@ def test_tabulated_gaussian_gives_the_gaussian_transfer_function():
 def test_halving_the_table_step_quarters_the_error():
     sigma, frequency = 1.3, np.linspace(0.0, 0.3, 20)
     expected = np.exp(-2.0 * (np.pi * sigma * frequency) ** 2)
-    errors = [
-        np.max(np.abs(radial_psf_otf(frequency, *gaussian_table(sigma, count)) - expected))
-        for count in (101, 201, 401)
-    ]
+    errors = [np.max(np.abs(radial_psf_otf(frequency, *gaussian_table(sigma, count)) - expected)) for count in (101, 201, 401)]
     assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.02)  # second order, steps of 0.08 sigma
 
 

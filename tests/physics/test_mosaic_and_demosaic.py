@@ -100,9 +100,7 @@ def test_a_colour_cast_moves_its_own_plane_only(pattern, seed, method, colour):
     raw = noise((6, 7), seed)
     cast = 0.25 * (mosaic.colour_index(pattern, 6, 7) == colour)
     moved = method(raw + cast, pattern) - method(raw, pattern)
-    if (
-        method is demosaic.colour_difference and colour == 1
-    ):  # red and blue follow green, measured samples do not
+    if method is demosaic.colour_difference and colour == 1:  # red and blue follow green, measured samples do not
         moved[[0, 2]] = 0
     assert_allclose(moved, 0.25 * (np.arange(3) == colour)[:, None, None] * np.ones((3, 6, 7)), atol=1e-15)
 

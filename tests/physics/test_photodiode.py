@@ -40,9 +40,7 @@ def test_collection_matches_the_reference():
         assert_allclose(found, expected, rtol=rtol)
 
 
-@pytest.mark.parametrize(
-    ("group", "back"), [("diffusion_mtf", "absorbing"), ("diffusion_mtf_reflecting", "reflecting")]
-)
+@pytest.mark.parametrize(("group", "back"), [("diffusion_mtf", "absorbing"), ("diffusion_mtf_reflecting", "reflecting")])
 @pytest.mark.parametrize(("precision", "unit"), [(np.float64, 1e-14), (np.float32, 3e-7)])
 def test_diffusion_contrast_matches_the_reference(group, back, precision, unit):
     for given_, expected, rtol in cases(group, unit):
@@ -82,9 +80,7 @@ def test_contrast_lies_between_zero_and_one_and_falls(alpha, depletion, depth, l
 
 
 @given(alpha=absorptions, depletion=depletions, depth=depths, length=lengths, f=frequencies, back=backs)
-def test_collection_lies_between_the_depletion_layer_and_all_the_silicon(
-    alpha, depletion, depth, length, f, back
-):
+def test_collection_lies_between_the_depletion_layer_and_all_the_silicon(alpha, depletion, depth, length, f, back):
     found = collection(f, alpha, depletion, depth, length, back)
     slack = 1.0 + 1e-14  # rounding
     assert -np.expm1(-alpha * depletion) <= found * slack
@@ -136,9 +132,7 @@ def test_strong_absorption_keeps_all_contrast(depletion, depth, length, f, back)
 
 
 @given(alpha=absorptions, depletion=depletions, depth=depths, back=backs)
-def test_without_recombination_a_uniform_pattern_follows_the_elementary_solution(
-    alpha, depletion, depth, back
-):
+def test_without_recombination_a_uniform_pattern_follows_the_elementary_solution(alpha, depletion, depth, back):
     a = alpha * depth
     if back == "reflecting":
         below = -np.expm1(-a)  # everything comes back
@@ -147,9 +141,7 @@ def test_without_recombination_a_uniform_pattern_follows_the_elementary_solution
     else:
         below = a * sum((-a) ** k / np.prod(np.arange(1.0, k + 3.0)) for k in range(12))
     expected = -np.expm1(-alpha * depletion) + np.exp(-alpha * depletion) * below
-    rtol = (
-        2e-14 if a > 1.0 or a <= 0.1 or back == "reflecting" else 2e-13
-    )  # the elementary form cancels below 1
+    rtol = 2e-14 if a > 1.0 or a <= 0.1 or back == "reflecting" else 2e-13  # the elementary form cancels below 1
     assert_allclose(collection(0.0, alpha, depletion, depth, np.inf, back), expected, rtol=rtol)
 
 
@@ -190,9 +182,7 @@ def test_window_is_even_bounded_and_the_mean_over_its_width(width, frequency):
     assert value == aperture_otf(-frequency, width)
     assert abs(value) <= 1.0
     assert aperture_otf(0.0, width) == 1.0
-    assert_allclose(
-        value * np.pi * frequency * width, np.sin(np.pi * frequency * width), rtol=0.0, atol=1e-12
-    )
+    assert_allclose(value * np.pi * frequency * width, np.sin(np.pi * frequency * width), rtol=0.0, atol=1e-12)
 
 
 def test_window_reverses_contrast_beyond_its_first_zero():

@@ -20,8 +20,7 @@ _SERIES_BELOW = 1.0
 _ASYMPTOTIC_ABOVE = 30.0
 # v^2/4 (1 - v^2/8 + ...): the square of J1 (DLMF 10.8.3) integrated term by term, in powers of (v/2)^2
 _ENCIRCLED_SERIES = [
-    (-1) ** k * factorial(2 * k + 2) / (factorial(k) * factorial(k + 2) * factorial(k + 1) ** 2 * (k + 1))
-    for k in range(11)
+    (-1) ** k * factorial(2 * k + 2) / (factorial(k) * factorial(k + 2) * factorial(k + 1) ** 2 * (k + 1)) for k in range(11)
 ]
 
 

@@ -35,9 +35,7 @@ def require_axes(y: npt.ArrayLike, x: npt.ArrayLike) -> tuple[FloatArray, FloatA
 
 def require_spot_distance(spacing: float, rms_width: float) -> None:
     if spacing < 6 * rms_width:
-        raise ValueError(
-            f"spacing must be at least six softened rms widths, {6 * rms_width:g} um, got {spacing} um"
-        )
+        raise ValueError(f"spacing must be at least six softened rms widths, {6 * rms_width:g} um, got {spacing} um")
 
 
 def require_levels(low: float, high: float) -> None:
@@ -126,9 +124,7 @@ def slanted_edge(
     return blend(low, high, soft_step(distance, softness))
 
 
-def siemens_star(
-    y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, low: float, high: float, softness: float
-) -> FloatArray:
+def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, low: float, high: float, softness: float) -> FloatArray:
     """A star whose reflectance is a sinusoid of the angle; mid-grey beyond its radius.
 
     Parameters
@@ -218,9 +214,7 @@ def zone_plate(
     return blend(low, high, (0.5 + 0.5 * wave).astype(x.dtype))
 
 
-def step_wedge(
-    y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, softness: float
-) -> FloatArray:
+def step_wedge(y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, softness: float) -> FloatArray:
     """Vertical bars of equal width, one for each level from left to right.
 
     Parameters

@@ -106,9 +106,7 @@ def patches_factors(
     )
 
 
-def _profile(
-    position: FloatArray, what: str, count: int, along: str, length: float, gap: float, softness: float
-) -> FloatArray:
+def _profile(position: FloatArray, what: str, count: int, along: str, length: float, gap: float, softness: float) -> FloatArray:
     if count != int(count) or count < 1:
         raise ValueError(f"{what} must be a whole number above 0, got {count}")
     count = int(count)
@@ -151,9 +149,7 @@ def background_weight(rows_profile: FloatArray, columns_profile: FloatArray) -> 
     return np.clip(1 - covered, 0, 1)
 
 
-def patch_contribution(
-    rows_profile: FloatArray, columns_profile: FloatArray, spectra: npt.ArrayLike
-) -> FloatArray:
+def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, spectra: npt.ArrayLike) -> FloatArray:
     """Sum over patches of coverage times spectrum.
 
     Parameters
@@ -289,9 +285,7 @@ def composite(
         "squares": lambda v, u: _tilted_squares(v, u, panel, angle_deg, low, high, softness),
         "star": lambda v, u: siemens_star(v, u, cycles, radius, low, high, softness),
         "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, low, high, softness),
-        "wedge": lambda v, u: step_wedge(
-            v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, softness
-        ),
+        "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, softness),
     }
     # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels is free.
     reach = TAIL * float(softness) + 0.05 * panel
@@ -302,9 +296,7 @@ def composite(
         inside_y, inside_x = _within(y, top, bottom, reach), _within(x, left, right, reach)
         if inside_y.size and inside_x.size:
             y_centre, x_centre = _centre(regions[name])
-            grey[np.ix_(inside_y, inside_x)] += (
-                paint(y[inside_y] - y_centre, x[inside_x] - x_centre) - background
-            )
+            grey[np.ix_(inside_y, inside_x)] += paint(y[inside_y] - y_centre, x[inside_x] - x_centre) - background
     rows, columns = _patch_profiles(y, x, regions["patches"], softness)
     return Composite(np.clip(grey, float(low), float(high)) * background_weight(rows, columns), rows, columns)
 
@@ -317,9 +309,7 @@ def _centre(region: Region) -> tuple[float, float]:
     return 0.5 * (region.top + region.bottom), 0.5 * (region.left + region.right)
 
 
-def _tilted_squares(
-    y: FloatArray, x: FloatArray, panel: float, angle_deg: float, low: float, high: float, softness: float
-) -> FloatArray:
+def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, low: float, high: float, softness: float) -> FloatArray:
     """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
     angle = np.deg2rad(float(angle_deg))
     cosine, sine = float(np.cos(angle)), float(np.sin(angle))
@@ -333,12 +323,8 @@ def _square(across: FloatArray, along: FloatArray, side: float, softness: float)
     return soft_box(across, -half, half, softness) * soft_box(along, -half, half, softness)
 
 
-def _patch_profiles(
-    y: FloatArray, x: FloatArray, region: Region, softness: float
-) -> tuple[FloatArray, FloatArray]:
+def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, softness: float) -> tuple[FloatArray, FloatArray]:
     width, height = region.right - region.left, region.bottom - region.top
     gap = GAP * min(width / PATCH_COLUMNS, height / PATCH_ROWS)
     y_centre, x_centre = _centre(region)
-    return patches_factors(
-        y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, softness
-    )
+    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, softness)

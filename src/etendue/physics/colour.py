@@ -53,9 +53,7 @@ def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tup
     """
     primaries = np.stack([xyz_from_xy(xy) for xy in primaries_xy], axis=1)
     if primaries.shape != (3, 3) or np.linalg.cond(primaries) > 1e12:
-        raise ValueError(
-            f"primaries_xy is {primaries_xy!r}; allowed are three chromaticities not on one line"
-        )
+        raise ValueError(f"primaries_xy is {primaries_xy!r}; allowed are three chromaticities not on one line")
     return primaries * np.linalg.solve(primaries, xyz_from_xy(white_xy))
 
 
@@ -67,9 +65,7 @@ def xyz_from_xy(xy: tuple[float, float]) -> NDArray:
     return np.array([x / y, 1.0, (1 - x - y) / y])
 
 
-def von_kries_matrix(
-    source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, transform: ArrayLike
-) -> Matrix:
+def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, transform: ArrayLike) -> Matrix:
     """Matrix on XYZ that turns one white into another by three gains on cone responses.
 
     Parameters
@@ -97,9 +93,7 @@ def von_kries_matrix(
     """
     cones = np.asarray(transform, np.float64)
     if cones.shape != (3, 3) or not np.linalg.cond(cones) < 1e12:
-        raise ValueError(
-            f"transform is {cones.tolist()!r}; allowed is an invertible 3 x 3 matrix, XYZ to cones"
-        )
+        raise ValueError(f"transform is {cones.tolist()!r}; allowed is an invertible 3 x 3 matrix, XYZ to cones")
     source = _cone_responses("source_white_xyz", source_white_xyz, cones)
     target = _cone_responses("target_white_xyz", target_white_xyz, cones)
     return np.linalg.solve(cones, (target / source)[:, None] * cones)
@@ -133,9 +127,7 @@ def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
         planes = planes.astype(np.float64)
     weights = np.asarray(matrix).astype(planes.dtype)
     if weights.ndim != 2 or planes.ndim < 1 or planes.shape[0] != weights.shape[1]:
-        raise ValueError(
-            f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)"
-        )
+        raise ValueError(f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)")
     result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
     for row, out in enumerate(weights):
         total = out[0] * planes[0]
@@ -184,9 +176,7 @@ def fit_matrix(
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
     if samples.ndim != 2 or samples.shape != targets.shape or samples.shape[1] != 3:
-        raise ValueError(
-            f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, 3) for both"
-        )
+        raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, 3) for both")
     if (white_sample is None) != (white_target is None):
         raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
     if not (np.isfinite(samples).all() and np.isfinite(targets).all()):
@@ -196,17 +186,13 @@ def fit_matrix(
         white, wanted = np.asarray(white_sample, np.float64), np.asarray(white_target, np.float64)
         triples = white.shape == wanted.shape == (3,) and np.isfinite([white, wanted]).all()
         if not (triples and white.any()):
-            raise ValueError(
-                f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black"
-            )
+            raise ValueError(f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black")
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T
     freedoms = free.shape[1]
     steps, _, rank, _ = np.linalg.lstsq(samples @ free, targets - samples @ fixed, rcond=1e-12)
     if rank < freedoms:
-        raise ValueError(
-            f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all"
-        )
+        raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all")
     transposed = fixed + free @ steps
     residual = np.sqrt(np.mean((samples @ transposed - targets) ** 2))
     return MatrixFit(transposed.T.copy(), float(residual), float(np.linalg.cond(transposed)))
@@ -234,12 +220,8 @@ def _constant(rows: ArrayLike) -> Matrix:
 TRANSFORMS = {
     "bradford": _constant([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]),
     "cat02": _constant([[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]]),
-    "cat16": _constant(
-        [[0.401288, 0.650173, -0.051461], [-0.250268, 1.204414, 0.045854], [-0.002079, 0.048952, 0.953127]]
-    ),
-    "von_kries_hpe_d65": _constant(
-        [[0.40024, 0.70760, -0.08081], [-0.22630, 1.16532, 0.04570], [0.0, 0.0, 0.91822]]
-    ),
+    "cat16": _constant([[0.401288, 0.650173, -0.051461], [-0.250268, 1.204414, 0.045854], [-0.002079, 0.048952, 0.953127]]),
+    "von_kries_hpe_d65": _constant([[0.40024, 0.70760, -0.08081], [-0.22630, 1.16532, 0.04570], [0.0, 0.0, 0.91822]]),
 }
 """XYZ to cone responses: Lam 1985 (ICC), CIECAM02, CAM16, and Hunt-Pointer-Estevez normalised to D65."""
 

@@ -15,11 +15,7 @@ from scipy import special
 from etendue.physics.noise import SMALLEST_NORMAL_MEAN
 
 _FACTORIAL_ERROR = np.array(
-    [math.inf]
-    + [
-        math.log(math.factorial(n)) - (n + 0.5) * math.log(n) + n - 0.5 * math.log(math.tau)
-        for n in range(1, 16)
-    ]
+    [math.inf] + [math.log(math.factorial(n)) - (n + 0.5) * math.log(n) + n - 0.5 * math.log(math.tau) for n in range(1, 16)]
 )
 
 
@@ -50,9 +46,7 @@ def poisson_logpmf(count: ArrayLike, mean: ArrayLike) -> NDArray:
     """
     count, mean = np.broadcast_arrays(np.asarray(count, np.float64), np.asarray(mean, np.float64))
     if not np.all((count >= 0) & (count == np.floor(count)) & (count < np.inf)):
-        raise ValueError(
-            f"count goes from {count.min()} to {count.max()}; allowed are whole numbers from 0 on"
-        )
+        raise ValueError(f"count goes from {count.min()} to {count.max()}; allowed are whole numbers from 0 on")
     if not np.all((mean >= 0) & (mean < np.inf)):
         raise ValueError(f"mean goes from {mean.min()} to {mean.max()}; allowed are finite numbers from 0 on")
     some = np.maximum(count, 1)
@@ -104,9 +98,7 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
     if not 0 <= mean < math.inf:
         raise ValueError(f"mean is {mean!r} electrons; allowed are finite numbers from 0 on")
     if not exact_below >= SMALLEST_NORMAL_MEAN:
-        raise ValueError(
-            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
-        )
+        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
     if mean < exact_below:
         return 0.0
     mean = min(float(mean), 1e5)
@@ -153,9 +145,7 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
     if not np.isfinite(mu).all():
         raise ValueError(f"mu goes from {mu.min()} to {mu.max()} LSB; allowed are finite numbers")
     if not np.all((sigma >= 0) & (sigma < np.inf)):
-        raise ValueError(
-            f"sigma goes from {sigma.min()} to {sigma.max()} LSB; allowed are finite numbers from 0 on"
-        )
+        raise ValueError(f"sigma goes from {sigma.min()} to {sigma.max()} LSB; allowed are finite numbers from 0 on")
     offset = mu - np.floor(mu + 0.5)  # -1/2 to below 1/2
     narrow, wide = np.minimum(sigma, 0.35), np.maximum(sigma, 0.35)
     direct, series = _by_tails(offset, narrow), _by_series(offset, wide)
@@ -193,14 +183,10 @@ def _by_series(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
         damping = np.exp(-2 * (np.pi * k * sigma) ** 2)
     # sin(2 pi k x) from the nearer of its zeros at x = 0 and x = +-1/2, so that it is 0 there and not 1e-16
     from_half = np.sin(2 * np.pi * k * (0.5 - np.abs(offset)))
-    sine = np.where(
-        np.abs(offset) <= 0.25, sign * np.sin(2 * np.pi * k * offset), -np.copysign(1, offset) * from_half
-    )
+    sine = np.where(np.abs(offset) <= 0.25, sign * np.sin(2 * np.pi * k * offset), -np.copysign(1, offset) * from_half)
     error = (sine * damping / (np.pi * k)).sum(axis=0)
     cosine = sign * np.cos(2 * np.pi * k * offset)
-    variance = (
-        sigma**2 + 1 / 12 + (cosine * damping * (1 / (np.pi * k) ** 2 + 4 * sigma**2)).sum(axis=0) - error**2
-    )
+    variance = sigma**2 + 1 / 12 + (cosine * damping * (1 / (np.pi * k) ** 2 + 4 * sigma**2)).sum(axis=0) - error**2
     return error, variance
 
 
@@ -209,9 +195,7 @@ def _stirling_error(count: NDArray) -> NDArray:
     inverse = 1 / np.maximum(count, 16) ** 2
     series = 1 / 1188 - inverse * (691 / 360360 - inverse / 156)
     series = 1 / 12 - inverse * (1 / 360 - inverse * (1 / 1260 - inverse * (1 / 1680 - inverse * series)))
-    return np.where(
-        count < 16, _FACTORIAL_ERROR[np.minimum(count, 15).astype(int)], series / np.maximum(count, 16)
-    )
+    return np.where(count < 16, _FACTORIAL_ERROR[np.minimum(count, 15).astype(int)], series / np.maximum(count, 16))
 
 
 def _deviance(count: NDArray, mean: NDArray) -> NDArray:

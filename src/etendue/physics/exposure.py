@@ -16,9 +16,7 @@ from etendue.constants import ELEMENTARY_CHARGE
 UM2_IN_CM2 = 1e-8
 
 
-def dark_electrons(
-    dark_current_density_A_per_cm2: ArrayLike, area_um2: ArrayLike, time_s: ArrayLike
-) -> NDArray:
+def dark_electrons(dark_current_density_A_per_cm2: ArrayLike, area_um2: ArrayLike, time_s: ArrayLike) -> NDArray:
     """Mean number of electrons that dark current leaves in a pixel.
 
     Parameters
@@ -80,9 +78,7 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
     return ELEMENTARY_CHARGE * well / _above_zero("time", time) - dark
 
 
-def smallest_current(
-    time: ArrayLike, dark_current: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike
-) -> NDArray:
+def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
     """Photocurrent whose charge equals the standard deviation of the dark signal.
 
     Parameters
@@ -113,9 +109,7 @@ def smallest_current(
     return ELEMENTARY_CHARGE * _dark_noise(dark, read_noise, dsnu) / time
 
 
-def dynamic_range_elgamal(
-    full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike
-) -> NDArray:
+def dynamic_range_elgamal(full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
     """Largest photosignal over the noise of the dark signal, the seed paper's dynamic range.
 
     Parameters
@@ -146,9 +140,7 @@ def dynamic_range_elgamal(
     return _decibel(np.maximum(well - dark, 0), _dark_noise(dark, read_noise, dsnu))
 
 
-def snr_db(
-    electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike, prnu: ArrayLike
-) -> NDArray:
+def snr_db(electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike, prnu: ArrayLike) -> NDArray:
     """Signal over all noise of one pixel, fixed patterns counted as noise.
 
     Parameters
@@ -181,9 +173,7 @@ def snr_db(
     return _decibel(signal, np.hypot(_dark_noise(signal + dark, read_noise, dsnu), gain_noise))
 
 
-def emva_snr(
-    photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
-) -> NDArray:
+def emva_snr(photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
     """Signal-to-noise ratio of a linear camera, quantisation included.
 
     Parameters
@@ -218,9 +208,7 @@ def emva_snr(
     return np.divide(charge, noise, out=np.zeros_like(noise), where=noise > 0)
 
 
-def emva_smallest_photons(
-    quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
-) -> NDArray:
+def emva_smallest_photons(quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
     """Photons at which `emva_snr` is exactly 1; arguments as there.
 
     Returns
@@ -242,9 +230,7 @@ def emva_smallest_photons(
     return (np.hypot(floor, 0.5) + 0.5) / _above_zero("quantum_efficiency", quantum_efficiency)
 
 
-def emva_smallest_photons_approx(
-    quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike
-) -> NDArray:
+def emva_smallest_photons_approx(quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
     """`emva_smallest_photons` as the EMVA reference implementation has it, for comparing data sheets.
 
     Returns
@@ -266,9 +252,7 @@ def emva_smallest_photons_approx(
     return (floor + 0.5) / _above_zero("quantum_efficiency", quantum_efficiency)
 
 
-def dynamic_range_emva(
-    full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, gain_dn_per_electron: ArrayLike
-) -> NDArray:
+def dynamic_range_emva(full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, gain_dn_per_electron: ArrayLike) -> NDArray:
     """Largest photosignal over the photosignal of SNR = 1, the EMVA 1288 dynamic range.
 
     Parameters

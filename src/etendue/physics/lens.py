@@ -184,8 +184,7 @@ def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tu
     radius, psf = np.asarray(radius, float), np.asarray(psf, float)
     if radius.ndim != 1 or radius.shape != psf.shape or radius.size < 2:
         raise ValueError(
-            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally "
-            "long and hold at least two samples"
+            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold at least two samples"
         )
     steps = np.diff(radius)
     if radius[0] != 0.0 or not np.all(steps > 0.0) or not np.all(np.isfinite(radius)):

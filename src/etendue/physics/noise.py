@@ -49,9 +49,7 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     mean = _means(mean)
     exact_below = float(exact_below)
     if not exact_below >= SMALLEST_NORMAL_MEAN:
-        raise ValueError(
-            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf"
-        )
+        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
     few = mean < exact_below
     if few.all():
         return np.asarray(rng.poisson(mean)).astype(mean.dtype)
@@ -97,9 +95,7 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     if not np.all((uniform >= 0) & (uniform < 1)):
         raise ValueError(f"uniform goes from {uniform.min()} to {uniform.max()}; allowed is 0 <= u < 1")
     if not SMALLEST_NORMAL_MEAN <= exact_below <= 200:
-        raise ValueError(
-            f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 200"
-        )
+        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 200")
     work = mean.astype(np.float64).reshape(-1)
     uniform = uniform.reshape(-1)
     normal = np.clip(special.ndtri(uniform), -8.3, 8.3)
@@ -197,11 +193,7 @@ def sensor_normal(
     window = np.empty((rows, columns), dtype)
     for row in range(first_row // TILE, -(-(first_row + rows) // TILE)):
         for column in range(first_column // TILE, -(-(first_column + columns) // TILE)):
-            name = (
-                seed_words
-                + row.to_bytes(8, "little", signed=True)
-                + column.to_bytes(8, "little", signed=True)
-            )
+            name = seed_words + row.to_bytes(8, "little", signed=True) + column.to_bytes(8, "little", signed=True)
             tile = philox(name).standard_normal((TILE, TILE), dtype=window.dtype.type)
             top, left = row * TILE - first_row, column * TILE - first_column
             inside = np.s_[max(top, 0) : top + TILE, max(left, 0) : left + TILE]

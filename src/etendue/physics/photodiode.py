@@ -137,9 +137,7 @@ def collection_mtf(
     return np.where(np.asarray(frequency) == 0.0, np.ones_like(ratio), ratio)[()]
 
 
-def _diode(
-    absorption: float, depletion: float, depth: float, length: float, back: str
-) -> tuple[float, float, float, float, str]:
+def _diode(absorption: float, depletion: float, depth: float, length: float, back: str) -> tuple[float, float, float, float, str]:
     """The checked parameters as plain floats, which leave the precision to the frequencies."""
     if not 0.0 <= absorption < np.inf:
         raise ValueError(f"absorption is {absorption}; it must be finite and 0 or above, in 1/um")
@@ -160,9 +158,7 @@ def _floating(values: Floats) -> FloatArray:
     return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)
 
 
-def _collection_per_absorption(
-    frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str
-) -> Floats:
+def _collection_per_absorption(frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str) -> Floats:
     """D(f)/alpha in um, which has a limit at alpha = 0."""
     frequency = _floating(frequency)
     depleted = float(-np.expm1(-absorption * depletion) / absorption) if absorption > 0.0 else depletion

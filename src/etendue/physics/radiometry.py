@@ -26,9 +26,7 @@ SECOND_RADIATION_UM = 1e6 * PLANCK * SPEED_OF_LIGHT / BOLTZMANN
 """The second radiation constant hc/k, um K."""
 
 
-def working_f_number(
-    f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
-) -> Floats:
+def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
     """The f-number of the cone that arrives at the image, N_w = N (1 - m/m_p).
 
     Parameters
@@ -55,9 +53,7 @@ def working_f_number(
     return f_number * (1.0 - magnification / pupil_magnification)
 
 
-def aplanatic_factor(
-    f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
-) -> Floats:
+def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
     """E/L on the axis of a lens that keeps Abbe's sine condition, pi / (4 N_w^2).
 
     Parameters
@@ -84,15 +80,12 @@ def aplanatic_factor(
     working = working_f_number(f_number, magnification, pupil_magnification)
     if not np.all(np.asarray(working) >= 0.5):
         raise ValueError(
-            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); "
-            "an aplanatic lens in air has at least 0.5"
+            f"working f-number is {working} (f_number {f_number}, magnification {magnification}); an aplanatic lens in air has at least 0.5"
         )
     return np.pi / (4.0 * working**2)
 
 
-def flat_disc_factor(
-    f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0
-) -> Floats:
+def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
     """E/L on the axis of a flat, uniformly bright exit pupil, pi / (1 + 4 N_w^2).
 
     Parameters
@@ -136,9 +129,7 @@ def cos4(tan_angle: Floats) -> Floats:
     return (1.0 / (1.0 + tangent * tangent)) ** 2
 
 
-def disc_factor(
-    f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
-) -> Floats:
+def disc_factor(f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0) -> Floats:
     """E/L of a flat, uniformly bright exit pupil of any size, at any field angle.
 
     Parameters
@@ -171,9 +162,7 @@ def disc_factor(
     return (0.5 * np.pi * bracket)[()]
 
 
-def disc_falloff(
-    f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0
-) -> Floats:
+def disc_falloff(f_number: float, tan_angle: Floats, magnification: float = 0.0, pupil_magnification: float = 1.0) -> Floats:
     """`disc_factor` relative to its value on the axis.
 
     Parameters

@@ -103,9 +103,7 @@ def _waves(positions: FloatArray, total: int, half: bool) -> ComplexArray:
     return waves
 
 
-def evaluate(
-    half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]
-) -> FloatArray:
+def evaluate(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
     """Planes at positions between samples, exactly as the band-limited plane has them.
 
     Parameters

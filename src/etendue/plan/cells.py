@@ -235,5 +235,3 @@ class _Expansion:
         if not hasattr(stage, "error"):
             return None, "unknown"
         return stage.error(facts, grids, self.precision)
-
-

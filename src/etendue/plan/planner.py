@@ -1,6 +1,6 @@
 """Pipeline to plan: check, describe, decide. Pure: no array exists before a plan does.
 
-    plan = make_plan(read_pipeline(path), installed_stages())
+plan = make_plan(read_pipeline(path), installed_stages())
 """
 
 from __future__ import annotations

@@ -91,7 +91,9 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                 continue
             if kind not in scales:
                 # a value of 1 means white in these; elsewhere the brightest part of the first picture does
-                bright = 1.0 if variable in ("rgb_linear", "xyz_display", "xyz_scene") else float(np.quantile(linear.max(axis=0), 0.995)) / 0.9
+                bright = (
+                    1.0 if variable in ("rgb_linear", "xyz_display", "xyz_scene") else float(np.quantile(linear.max(axis=0), 0.995)) / 0.9
+                )
                 scales[kind] = bright if bright > 0 else 1.0
             picture = srgb_encode(np.clip(_fitted(linear) / scales[kind], 0, 1))
         size = (array.shape[-2], array.shape[-1])
@@ -120,13 +122,21 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
     dims = ("stage", "channel", "y", "x")
     return {
         "arrays": {
-            "preview": (dims, preview, {"long_name": "the stage as it looks", "colour_space": "sRGB", "transfer_function": "sRGB", "units": "1"}),
+            "preview": (
+                dims,
+                preview,
+                {"long_name": "the stage as it looks", "colour_space": "sRGB", "transfer_function": "sRGB", "units": "1"},
+            ),
             "stage": (("stage",), np.array(stage, dtype=object), {"long_name": "stage"}),
             "channel": (("channel",), np.array(["R", "G", "B"], dtype=object), {"long_name": "channel"}),
             "variable": (("stage",), np.array([f.variable for f in frames], dtype=object), {"long_name": "variable"}),
             "true_height": (("stage",), np.array([f.size[0] for f in frames]), {"units": "pixel", "long_name": "true height"}),
             "true_width": (("stage",), np.array([f.size[1] for f in frames]), {"units": "pixel", "long_name": "true width"}),
-            "height": (("stage",), np.array([f.picture.shape[1] for f in frames]), {"units": "pixel", "long_name": "height of the preview"}),
+            "height": (
+                ("stage",),
+                np.array([f.picture.shape[1] for f in frames]),
+                {"units": "pixel", "long_name": "height of the preview"},
+            ),
             "width": (("stage",), np.array([f.picture.shape[2] for f in frames]), {"units": "pixel", "long_name": "width of the preview"}),
         },
         "attrs": {"title": "one cell of every stage, in order"},
@@ -159,7 +169,8 @@ def contact_sheet(frames: list[Frame], path: Path, title: str) -> None:
         left = gap + column * (box + gap)
         top = height - head - row * (box + label + gap) - label
         figure.text(
-            (left + box / 2) / width, (top + 4) / height, f"{number + 1}. {frame.stage}\n{frame.variable}  {frame.size[1]} x {frame.size[0]}",
+            (left + box / 2) / width, (top + 4) / height,
+            f"{number + 1}. {frame.stage}\n{frame.variable}  {frame.size[1]} x {frame.size[0]}",
             ha="center", va="bottom", fontsize=8,
         )  # fmt: skip
         figure.figimage(picture, xo=left + (box - picture.shape[1]) // 2, yo=top - picture.shape[0], origin="upper")

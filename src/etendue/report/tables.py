@@ -46,8 +46,16 @@ def ledger(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
         ("cell",), np.array([math.nan if c.bound is None else c.bound for c, _ in rows]),
         {"units": "1", "long_name": "error from what was left out up to here; missing where the claim has ended"},
     )  # fmt: skip
-    arrays["why_left_out"] = (("cell",), np.array([c.left_out.why if c.left_out else "" for c, _ in rows], dtype=object), {"long_name": "why"})
-    arrays["clipped"] = (("cell",), np.array([r.clipped if r else math.nan for _, r in rows]), {"units": "1", "long_name": "share of negative input clipped"})
+    arrays["why_left_out"] = (
+        ("cell",),
+        np.array([c.left_out.why if c.left_out else "" for c, _ in rows], dtype=object),
+        {"long_name": "why"},
+    )
+    arrays["clipped"] = (
+        ("cell",),
+        np.array([r.clipped if r else math.nan for _, r in rows]),
+        {"units": "1", "long_name": "share of negative input clipped"},
+    )
     arrays["clipped_flux"] = (
         ("cell",), np.array([r.clipped_flux if r else math.nan for _, r in rows]), {"units": "1", "long_name": "share of flux in it"}
     )  # fmt: skip
@@ -85,7 +93,8 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
                 "reused": sum(r.status == "reused" for r in own),
                 "failed": sum(r.status in ("failed", "skipped") for r in own),
                 "left_out": {
-                    "cells": len(out), "of": len(cells), "bound": max(o.bound for o in out), "why": "; ".join(dict.fromkeys(o.why for o in out)),
+                    "cells": len(out), "of": len(cells), "bound": max(o.bound for o in out),
+                    "why": "; ".join(dict.fromkeys(o.why for o in out)),
                 } if out else None,
                 "seconds": seconds,
                 "share": seconds / total,
@@ -106,8 +115,16 @@ def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
         "cells": (dims, np.array([r["cells"] for r in rows]), {"units": "1", "long_name": "cells"}),
         "seconds": (dims, np.array([r["seconds"] for r in rows]), {"units": "s", "long_name": "thread time"}),
         "bytes": (dims, np.array([r["bytes"] for r in rows]), {"units": "byte", "long_name": "stored"}),
-        "worst_error": (dims, np.array([math.nan if r["error"] is None else r["error"] for r in rows]), {"units": "1", "long_name": "worst error"}),
-        "left_out": (dims, np.array([r["left_out"]["cells"] if r["left_out"] else 0 for r in rows]), {"units": "1", "long_name": "cells left out"}),
+        "worst_error": (
+            dims,
+            np.array([math.nan if r["error"] is None else r["error"] for r in rows]),
+            {"units": "1", "long_name": "worst error"},
+        ),
+        "left_out": (
+            dims,
+            np.array([r["left_out"]["cells"] if r["left_out"] else 0 for r in rows]),
+            {"units": "1", "long_name": "cells left out"},
+        ),
     }
     return {"arrays": arrays, "attrs": {"title": "one row per stage"}}
 

@@ -23,7 +23,15 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "sensitivity": ("Nikon 5100 (NPL)", dict(table=True, doc="a camera of colour-science, or the path of a CSV table")),
     "sensitivity_kind": ("system_qe", dict(choices=("system_qe", "filter_transmittance"), doc="what the table holds")),
     "sensitivity_per": ("photon", dict(choices=("photon", "energy"), doc="the table is per photon or per energy")),
-    "peak_qe": (MISSING, dict(at_least=0, at_most=1, length=3, doc="peak quantum efficiency of each channel, such as [0.36, 0.44, 0.40]: name its source, or call it typical")),
+    "peak_qe": (
+        MISSING,
+        dict(
+            at_least=0,
+            at_most=1,
+            length=3,
+            doc="peak quantum efficiency of each channel, such as [0.36, 0.44, 0.40]: name its source, or call it typical",
+        ),
+    ),
     "depletion_depth": (1.8, dict(units="um", above=0, doc="depletion depth L_d of the photodiode")),
     "diffusion_depth": (10.0, dict(units="um", above=0, infinite=True, doc="depth L of the quasi-neutral region")),
     "diffusion_length": (50.0, dict(units="um", above=0, infinite=True, doc="electron diffusion length L_n")),
@@ -54,5 +62,3 @@ def names() -> tuple[str, ...]:
 
 def default(name: str) -> Any:
     return _Q[name][0]
-
-

@@ -84,8 +84,10 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     parameter = Parameter(**allowed)
     if parameter.fidelity and not parameter.reference:
         raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
-    return dataclasses.field(default=default, metadata={"parameter": parameter}) if default is not MISSING else dataclasses.field(
-        metadata={"parameter": parameter}
+    return (
+        dataclasses.field(default=default, metadata={"parameter": parameter})
+        if default is not MISSING
+        else dataclasses.field(metadata={"parameter": parameter})
     )
 
 
@@ -137,8 +139,7 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
     """Parameter, type and default (``MISSING`` where it must be given) by name."""
     hints = typing.get_type_hints(kind)
     return {
-        field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default)
-        for field in dataclasses.fields(kind)
+        field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default) for field in dataclasses.fields(kind)
     }
 
 

@@ -39,9 +39,7 @@ def frozen(array: npt.ArrayLike) -> FloatArray:
     return result
 
 
-def bin_means(
-    nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], outside: Outside
-) -> FloatArray:
+def bin_means(nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], outside: Outside) -> FloatArray:
     """Exact means of the piecewise-linear curve through (nodes, values) over each bin.
 
     Every area is a sum of trapezoids inside its own bin: differences of one running integral would lose the
@@ -63,9 +61,7 @@ def bin_means(
 # -------------------------------------------------------------------------------------------------- CSV files
 
 
-def table_from_csv(
-    path: str | Path, edges: Edges, columns: Iterable[str] | None = None
-) -> tuple[list[str], FloatArray]:
+def table_from_csv(path: str | Path, edges: Edges, columns: Iterable[str] | None = None) -> tuple[list[str], FloatArray]:
     """Bin means of a table in a CSV file.
 
     Parameters
@@ -108,19 +104,14 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     first, header = lines[0]
     names = header[1:]
     if header[0] != "wavelength_nm" or not names or not all(names) or len(set(names)) < len(names):
-        raise ValueError(
-            f"{path}, line {first}: header {','.join(header)!r}; "
-            "expected 'wavelength_nm,a,b,...' with distinct names"
-        )
+        raise ValueError(f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names")
     rows = [_csv_row(path, number, cells, header) for number, cells in lines[1:]]
     if len(rows) < 2:
         raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
     table = np.array(rows)
     for (number, _), before, after in zip(lines[2:], table[:-1, 0], table[1:, 0], strict=True):
         if not after > before:
-            raise ValueError(
-                f"{path}, line {number}: wavelength {after:g} nm does not ascend from {before:g} nm"
-            )
+            raise ValueError(f"{path}, line {number}: wavelength {after:g} nm does not ascend from {before:g} nm")
     return names, table[:, 0], table[:, 1:]
 
 

@@ -135,9 +135,7 @@ def _illuminant(name: str, edges: tuple[float, ...]) -> FloatArray:
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
     """Gauss-Legendre, five points in each panel of at most 1 nm, or of 1/400 of longer wavelengths."""
     if not LOWEST_TEMPERATURE <= temperature < np.inf:
-        raise ValueError(
-            f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {temperature:g} K"
-        )
+        raise ValueError(f"illuminant temperature must be {LOWEST_TEMPERATURE:g} K or more, got {temperature:g} K")
     bounds = np.asarray(edges)
     widths = np.diff(bounds)
     panels = int(np.ceil(np.max(widths / np.maximum(1.0, bounds[:-1] / 400.0))))
@@ -155,9 +153,7 @@ def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
 def _line(wavelength: float, edges: tuple[float, ...]) -> FloatArray:
     bounds = np.asarray(edges)
     if not bounds[0] <= wavelength <= bounds[-1]:
-        raise ValueError(
-            f"spectral line at {wavelength:g} nm lies outside the bins, {bounds[0]:g} to {bounds[-1]:g} nm"
-        )
+        raise ValueError(f"spectral line at {wavelength:g} nm lies outside the bins, {bounds[0]:g} to {bounds[-1]:g} nm")
     held = min(int(np.searchsorted(bounds, wavelength, side="right")) - 1, len(bounds) - 2)
     power = np.zeros(len(bounds) - 1)
     power[held] = 1.0 / (bounds[held + 1] - bounds[held])
@@ -186,9 +182,7 @@ def absolute_scale(spd: npt.ArrayLike, edges: Edges, luminance: float) -> float:
     bounds = np.asarray(checked_edges(edges))
     power = np.asarray(spd, dtype=np.float64)
     if power.shape != (len(bounds) - 1,):
-        raise ValueError(
-            f"spd must have one value for each of {len(bounds) - 1} bins, got shape {power.shape}"
-        )
+        raise ValueError(f"spd must have one value for each of {len(bounds) - 1} bins, got shape {power.shape}")
     if not (np.all(np.isfinite(power)) and np.all(power >= 0)):
         raise ValueError("spd must be finite and nowhere negative")
     if not 0 < luminance < np.inf:

@@ -143,9 +143,7 @@ class Resolution(Probe):
     nanoseconds: ClassVar = 1.5e7
 
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
-    nodes: int = param(
-        512, at_least=16, fidelity=True, reference="twice the nodes", doc="frequencies at which the crossing is looked for"
-    )
+    nodes: int = param(512, at_least=16, fidelity=True, reference="twice the nodes", doc="frequencies at which the crossing is looked for")
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
         weights = None if prepared is None else prepared[1]

@@ -339,8 +339,6 @@ class Photograph(Scene):
         return {"radiance": cube, "white_radiance": white}
 
 
-
-
 @hookimpl
 def etendue_stages() -> dict[str, type]:
     return {

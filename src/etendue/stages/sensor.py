@@ -42,7 +42,12 @@ class Diffusion(Stage):
             return np.stack(
                 [
                     photodiode.collection_mtf(
-                        radial, float(a), self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back  # type: ignore[arg-type]
+                        radial,
+                        float(a),
+                        self.depletion_depth,
+                        self.diffusion_depth,
+                        self.diffusion_length,
+                        self.back,  # type: ignore[arg-type]
                     )
                     for a in alphas
                 ]
