@@ -14,10 +14,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from etendue.errors import ArchiveError, MachineError, RequestError, nearest
+from etendue.errors import ArchiveError, RequestError, nearest
 from etendue.plan import planner
-from etendue.plan.cost import cell_bytes
+from etendue.plan.machine import check_machine
 from etendue.plan.model import CellRef, Plan
+from etendue.plan.resume import select, with_stored_values
+from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
@@ -85,73 +87,6 @@ def load(source: str | Path | Mapping[str, Any] | Pipeline, overrides: Mapping[s
     if isinstance(source, str) and "\n" in source:
         return parse_pipeline(source, overrides=overrides)
     return read_pipeline(Path(source), overrides)
-
-
-def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan:
-    """The plan over the axis values of an archive's earlier runs as well: what is still right there stays."""
-    sweep = dict(plan.pipeline.sweep)
-    for axis in plan.axes:
-        earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()))
-        if set(earlier) - set(axis.values) and not axis.key.endswith(".use"):
-            sweep[axis.key] = [*earlier, *(v for v in axis.values if v not in earlier)]  # in stored order
-    if sweep == dict(plan.pipeline.sweep):
-        return plan
-    try:
-        return planner.make_plan(replace(plan.pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
-    except RequestError:  # a value that is no longer possible: its cells are not of this pipeline any more
-        return plan
-
-
-def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = None) -> set[CellRef]:
-    """The cells to compute: unfinished requested ones, and finished ones whose unstored result an unfinished one reads."""
-    todo = {ref for ref in (plan.cells if requested is None else requested) if ref not in finished}
-    nodes = {node.name: node for node in plan.nodes}
-    for ref in reversed(list(plan.cells)):
-        if ref not in todo:
-            continue
-        cell, node = plan.cells[ref], nodes[ref[0]]
-        for number, (_, source, variable) in enumerate(cell.inputs):
-            if len(node.segment) > 1 and number == 0:
-                _need_segment(plan, source, todo)
-            elif (source[0], variable) not in plan.kept:
-                todo.add(source)
-        for port, what, _ in node.looks_at:
-            if what != "transfer":
-                todo |= {s for s in dict(cell.looks_at)[port] if (s[0], what) not in plan.kept}
-    return todo
-
-
-def _need_segment(plan: Plan, source: CellRef, todo: set[CellRef]) -> None:
-    """A spectrum is rebuilt from its segment's input, which must be stored or computed."""
-    segment_input = plan.cells[source].segment_input
-    assert segment_input is not None
-    (node, index), variable = segment_input
-    if (node, variable) not in plan.kept:
-        todo.add((node, index))
-
-
-def shown_cells(plan: Plan) -> dict[str, CellRef]:
-    """One cell of each stage for the pictures: at the camera's own values where they are swept, else in the middle."""
-    middle = {}
-    for axis in plan.axes:
-        base = plan.pipeline.camera.get(axis.key)
-        value = plan.camera.get(axis.key)
-        middle[axis.dim] = axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
-    return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
-
-
-def where_shown(plan: Plan) -> str:
-    """The axis values of the shown cells, such as `` at f_number 2.8, pixel_pitch 4 um``; '' without a sweep."""
-    at = {}
-    for name, index in shown_cells(plan).values():
-        at.update({dim: value for dim, value in plan.labels((name, index)).items()})
-    texts = []
-    for axis in plan.axes:
-        if axis.dim in at:
-            value = at[axis.dim]
-            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            texts.append(f"{axis.key} {shown}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
-    return f" at {', '.join(texts)}" if texts else ""
 
 
 def execute(
@@ -363,48 +298,6 @@ def _check_platform(folder: Path, old: Mapping[str, Any] | None, options: Option
         f"{folder} was begun on another platform ({changed}), where bits may differ. "
         "Go on with its finished cells: --accept-platform; compute all again: --recompute"
     )
-
-
-def check_machine(plan: Plan, archive: Path | None) -> None:
-    """Refuse a plan that cannot fit, naming the axis that makes it so."""
-    import shutil
-
-    need = sum(
-        cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept]) for n in plan.nodes for c in plan.of(n.name)
-    )
-    longest = max(plan.axes, key=lambda a: len(a.values), default=None)
-    hint = f"; the axis {longest.key} has {len(longest.values)} values" if longest else ""
-    available = _available_memory()
-    peak = planner.peak_memory(plan) + (need if archive is None else 0)
-    if available and peak > available:
-        where = "held in memory" if archive is None else "held at once"
-        raise MachineError(
-            f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep"
-        )
-    if archive is not None:
-        folder = archive.absolute()
-        while not folder.exists():
-            folder = folder.parent
-        held = sum(f.stat().st_size for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
-        free = shutil.disk_usage(folder).free + held
-        if need > free:
-            raise MachineError(
-                f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep"
-            )
-
-
-def _available_memory() -> int:
-    """Bytes that can be had without swapping; the system's cache of files counts as free."""
-    try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return 1024 * int(line.split()[1])
-    except (ValueError, OSError):
-        pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
-        return 0
 
 
 def simulate(

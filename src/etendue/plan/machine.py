@@ -1,0 +1,52 @@
+"""Whether a plan fits the machine: memory and disk, before anything runs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from etendue.errors import MachineError
+from etendue.plan import planner
+from etendue.plan.cost import cell_bytes
+from etendue.plan.model import Plan
+
+
+def check_machine(plan: Plan, archive: Path | None) -> None:
+    """Refuse a plan that cannot fit, naming the axis that makes it so."""
+    need = sum(
+        cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept]) for n in plan.nodes for c in plan.of(n.name)
+    )
+    longest = max(plan.axes, key=lambda a: len(a.values), default=None)
+    hint = f"; the axis {longest.key} has {len(longest.values)} values" if longest else ""
+    available = _available_memory()
+    peak = planner.peak_memory(plan) + (need if archive is None else 0)
+    if available and peak > available:
+        where = "held in memory" if archive is None else "held at once"
+        raise MachineError(
+            f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep"
+        )
+    if archive is not None:
+        folder = archive.absolute()
+        while not folder.exists():
+            folder = folder.parent
+        held = sum(f.stat().st_size for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
+        free = shutil.disk_usage(folder).free + held
+        if need > free:
+            raise MachineError(
+                f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep"
+            )
+
+
+def _available_memory() -> int:
+    """Bytes that can be had without swapping; the system's cache of files counts as free."""
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    except (ValueError, OSError):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return 0

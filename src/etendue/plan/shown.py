@@ -1,0 +1,29 @@
+"""Which cells of a sweep are looked at: one of each stage, for pictures and headline figures."""
+
+from __future__ import annotations
+
+from etendue.plan.model import CellRef, Plan
+
+
+def shown_cells(plan: Plan) -> dict[str, CellRef]:
+    """One cell of each stage for the pictures: at the camera's own values where they are swept, else in the middle."""
+    middle = {}
+    for axis in plan.axes:
+        base = plan.pipeline.camera.get(axis.key)
+        value = plan.camera.get(axis.key)
+        middle[axis.dim] = axis.values.index(value) if base is not None and value in axis.values else len(axis.values) // 2
+    return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
+
+
+def where_shown(plan: Plan) -> str:
+    """The axis values of the shown cells, such as `` at f_number 2.8, pixel_pitch 4 um``; '' without a sweep."""
+    at = {}
+    for name, index in shown_cells(plan).values():
+        at.update({dim: value for dim, value in plan.labels((name, index)).items()})
+    texts = []
+    for axis in plan.axes:
+        if axis.dim in at:
+            value = at[axis.dim]
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            texts.append(f"{axis.key} {shown}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
+    return f" at {', '.join(texts)}" if texts else ""

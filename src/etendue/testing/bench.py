@@ -1,0 +1,316 @@
+"""The bench a stage is tried on: grids, arrays, coordinates and random generators made from its declaration alone.
+
+In:  an instance of a stage.
+Out: ``Trial`` values: what the engine's own ``run.cell.compute`` made of one cell.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from etendue.plan.cells import output_grid
+from etendue.plan.model import CellRef
+from etendue.run.cell import Result, compute, smallest
+from etendue.run.jobs import Job
+from etendue.spec import camera
+from etendue.spec.facts import Facts
+from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
+from etendue.spec.ports import CellReport
+from etendue.spec.stage import (
+    Stage,
+    is_random,
+    is_source,
+    reads_of,
+    writes_of,
+)
+from etendue.spec.variables import Declaration
+
+Frame = tuple[int, int]
+Arrays = Mapping[str, Any]
+
+PRECISIONS = ("float32", "float64")
+FRAME: Frame = (9, 12)
+SMALL: Frame = (4, 5)
+LARGE: Frame = (119, 160)  # where sums are long enough to lose digits
+ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
+EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # inside every table of silicon, colour and cameras
+SPACING = 2.0  # um, of the light on the image plane: a few pixels fit into a frame
+FULL_SCALE = {  # of an ordinary exposure, by unit
+    "W m-2 sr-1 nm-1": 0.1,
+    "W m-2 nm-1": 0.01,
+    "electron/s": 1e6,
+    "electron": 1e4,
+    "DN": 4095.0,
+}
+EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole")
+CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise where it cannot compute
+ROUNDING = 1e-12  # of double precision, where a stage states no error of its own
+
+
+_pools = ThreadpoolController()  # of the libraries which the engine has loaded
+
+
+class LawBroken(AssertionError):
+    """A stage does not do what it declares."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One law that one stage breaks."""
+
+    law: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.law.removeprefix('test_').replace('_', ' ')}: {self.message}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """What came of one cell."""
+
+    arrays: dict[str, Any]
+    report: CellReport
+    touched: tuple[str, ...]  # inputs that were changed
+
+    @property
+    def done(self) -> bool:
+        return self.report.status == "done"
+
+    @property
+    def last_line(self) -> str:
+        return self.report.message.strip().rpartition("\n")[2]
+
+
+class _Blur(Stage):
+    """What probes look at: a Gaussian transfer function."""
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(wavelength)
+
+
+class _Sum(Stage):
+    """The same, ending in a sum over wavelength."""
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(wavelength)
+
+    def prepare(self, coordinates: Any) -> Any:
+        return np.stack([np.linspace(low, 1.0, coordinates["wavelength"].size) for low in (0.1, 0.5, 0.9)])
+
+    def weights(self, prepared: Any) -> Any:
+        return prepared
+
+
+# -- the environment of one stage -------------------------------------------------------------------------
+
+
+class Bench:
+    """Grids, arrays and jobs for one instance of a stage, from its declaration."""
+
+    def __init__(self, stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> None:
+        self.stage, self.kind = stage, type(stage)
+        self.given_grids, self.scales = dict(grids or {}), dict(scales or {})
+
+    @property
+    def name(self) -> str:
+        return repr(self.stage)
+
+    @cached_property
+    def reads(self) -> dict[str, Declaration]:
+        """Ports that are given arrays; what a probe looks at is not among them."""
+        return {port: d for port, d in reads_of(self.kind).items() if not d.variable.startswith("*.")}
+
+    @cached_property
+    def looks(self) -> dict[str, str]:
+        return {port: d.variable[2:] for port, d in reads_of(self.kind).items() if d.variable.startswith("*.")}
+
+    @cached_property
+    def writes(self) -> dict[str, Declaration]:
+        return {d.variable: d for d in writes_of(self.kind).values()}
+
+    @cached_property
+    def steady(self) -> bool:
+        """Whether the result does not hang on the seed: no random argument, or one without effect."""
+        if not is_random(self.kind):
+            return True
+        first, second = (self.run(self.arrays("ordinary"), seed=seed) for seed in (b"one", b"two"))
+        return first.done and second.done and digests(first.arrays) == digests(second.arrays)
+
+    @cached_property
+    def one_array(self) -> str | None:
+        """The port of a stage that reads one frame and nothing else."""
+        if len(self.reads) != 1 or self.looks:
+            return None
+        (port,) = self.reads
+        return port if {"y", "x"} <= set(self.reads[port].dims) else None
+
+    def coordinate(self, dim: str, declaration: Declaration, frame: Frame) -> Coordinate:
+        if dim == "wavelength":
+            return Bands(EDGES)
+        if dim in ("y", "x"):
+            size = frame[0 if dim == "y" else 1]
+            if "wavelength" in declaration.dims:
+                return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
+            pitch = float(getattr(self.stage, "pixel_pitch", camera.default("pixel_pitch")))
+            return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
+        if dim == "channel":
+            return XYZ if declaration.variable.startswith("xyz") else RGB
+        return XYZ if dim == "component" else Labels((0.0, 1.0, 2.0))
+
+    def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
+        grids = {}
+        for port, declaration in self.reads.items():
+            dims = [dim for dim in declaration.dims if dim != "..."]
+            grids[port] = self.given_grids.get(port) or Grid.of({dim: self.coordinate(dim, declaration, frame) for dim in dims})
+        return grids
+
+    def job(self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False) -> Job:
+        """The job of one cell, as the engine would make it."""
+        looks_at = tuple((port, what, tuple((n, (n, ())) for n in ("first", "second"))) for port, what in self.looks.items())
+        names = tuple((port, pairs) for port, _, pairs in looks_at)
+        inputs = self.input_grids(frame)
+        if is_source(self.kind):
+            declared = self.stage.describe()[1]  # type: ignore[attr-defined]
+        else:
+            declared = self.stage.grid(inputs) if hasattr(self.stage, "grid") else {}
+        grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
+        transfers = "transfer" in self.looks.values()
+        return Job(
+            ref=("stage", ()), task="compute", stage=self.stage, writes=self.writes, grids=grids, input_grids=inputs,
+            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), looks_at=looks_at,
+            transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=EDGES if self.looks else (),
+            channel_weights=_Sum() if summed and transfers else None, previous=None, left_out=False, seed=seed, sensor_seed=seed,
+            precision=precision, store=(), deliver=tuple(self.writes), spectrum=False, target=None, seconds=0.0,
+        )  # fmt: skip
+
+    def scale(self, port: str) -> float:
+        declaration = self.reads[port]
+        return self.scales.get(port, FULL_SCALE.get(declaration.unit, 1.0))
+
+    def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
+        """One input, in double precision: ordinary values, six decades of them, or an extreme."""
+        declaration, grid = self.reads[port], self.input_grids(frame)[port]
+        shape = grid.shape(tuple(dim for dim in declaration.dims if dim != "..."))
+        random = np.random.default_rng([1, *map(ord, port + what)])
+        full = self.scale(port) * factor
+        spread = random.uniform(0.1, 1.0, shape)
+        whole = declaration.dtype != "float"
+        if what == "decades":
+            values = 10.0 ** random.uniform(-6, 0, shape)
+        elif what in ("zeros", "point"):
+            values = np.zeros(shape)
+        elif what in ("uniform", "hole"):
+            values = np.ones(shape)
+        else:
+            values = spread
+        values = values * {"tiny": 1e-30 / full, "huge": 1e6}.get(what, 1.0)
+        if what in ("point", "hole") and values.size:
+            values[tuple(size // 2 for size in shape)] = 1.0 if what == "point" else 0.0
+        values = np.asarray(values * full)
+        return np.clip(np.rint(values), 0, np.iinfo(declaration.dtype).max) if whole else values
+
+    def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
+        return {port: self.array(port, what, frame, factor) for port in self.reads}
+
+    def given(self, inputs: Arrays, precision: str) -> dict[str, Any]:
+        """Inputs as a stage gets them: in the plan's precision or the declared integers, read-only."""
+        found = {}
+        for port, values in inputs.items():
+            kind = precision if self.reads[port].dtype == "float" else self.reads[port].dtype
+            array = np.array(values, dtype=kind, order="C")
+            array.flags.writeable = False
+            found[port] = array
+        return found
+
+    def run(
+        self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False
+    ) -> Trial:
+        """Compute one cell with the engine."""
+        job = self.job(precision, frame, seed, summed)
+        given = self.given(inputs, precision)
+        results: dict[CellRef, Result] = {
+            (port, ()): Result({self.reads[port].variable: a}, {self.reads[port].variable: smallest(a)} if a.dtype.kind == "f" else {})
+            for port, a in given.items()
+        }
+        planes = {what: np.full((len(EDGES) - 1, *frame), 0.01, dtype=precision) for what in self.looks.values() if what != "transfer"}
+        for number, name in enumerate(("first", "second") if planes else (), 1):
+            results[(name, ())] = Result({what: plane / number for what, plane in planes.items()})
+        before = digests(given)
+        with _pools.limit(limits=1), np.errstate(all="ignore"):
+            result, report = compute(job, results)
+        after = digests(given)
+        return Trial(result.arrays, report, tuple(port for port in given if before[port] != after[port]))
+
+    def result(self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, **how: Any) -> Trial:
+        """The same, where it must succeed."""
+        trial = self.run(inputs, precision, frame, **how)
+        if not trial.done:
+            raise LawBroken(f"{self.name} fails on ordinary input: {trial.report.message}")
+        return trial
+
+    def facts(self, inputs: Arrays) -> dict[str, Facts]:
+        """What is true of these arrays."""
+        return {port: facts_of(array, self.reads[port].dims) for port, array in inputs.items()}
+
+    def full_scale(self, variable: str, array: Any, frame: Frame = FRAME) -> float:
+        """The largest value of a result; of whole numbers the largest code which the stage gives to too bright an input."""
+        if self.writes[variable].dtype == "float" or not self.reads:
+            return full_scale(array)
+        brightest = self.run(self.arrays("huge", frame), frame=frame)
+        return max(full_scale(array), full_scale(brightest.arrays.get(variable, array)))
+
+    def own_error(self, inputs: Arrays, precision: str, frame: Frame = FRAME) -> float | None:
+        """The bound the stage states for itself."""
+        if not hasattr(self.stage, "error"):
+            return None
+        facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
+        return self.stage.error(facts, self.input_grids(frame), precision)[0]
+
+
+def digests(arrays: Arrays) -> dict[str, str]:
+    return {name: hashlib.sha256(f"{a.dtype}{a.shape}".encode() + a.tobytes()).hexdigest() for name, a in arrays.items()}
+
+
+def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
+    """Facts of an array: uniform and contrast over positions, at every wavelength and channel."""
+    array = np.asarray(array, dtype=float)
+    names = [dim for dim in dims if dim != "..."]
+    places = tuple(i for i, dim in enumerate(names) if dim in ("y", "x"))
+    if not array.size:
+        return Facts()
+    low, high = array.min(axis=places), array.max(axis=places)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.where(high == low, 1.0, high / low)
+    positive = bool(np.all((low > 0) | (high == low)))
+    return Facts(
+        uniform=bool(np.all(low == high)) if places else None,
+        low=float(array.min()),
+        high=float(array.max()),
+        contrast=float(ratios.max()) if positive else math.inf,
+    )
+
+
+def full_scale(array: Any) -> float:
+    found = np.abs(np.asarray(array, dtype=float))
+    return float(np.nanmax(found)) if found.size and not np.isnan(found).all() else 0.0
+
+
+def largest_difference(one: Any, other: Any) -> float:
+    """Largest absolute difference; infinite where only one of the two is undefined."""
+    one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    if np.any(np.isnan(one) != np.isnan(other)):
+        return math.inf
+    with np.errstate(invalid="ignore"):
+        return full_scale(np.where(one == other, 0.0, one - other))  # equal infinities differ by nothing
+
+
+# -- the laws ---------------------------------------------------------------------------------------------

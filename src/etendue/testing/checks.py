@@ -1,0 +1,220 @@
+"""What the laws measure: bounds, gains, facts and parameter ranges held against what a stage did.
+
+In:  a ``Bench`` and what came of it.
+Out: nothing, or ``LawBroken``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.plan.parameters import Unfit, resolve
+from etendue.spec import camera
+from etendue.spec.facts import Facts
+from etendue.spec.stage import (
+    MISSING,
+    Parameter,
+    Stage,
+    is_source,
+)
+from etendue.spec.units import UnitError, parse_unit
+from etendue.testing.bench import (
+    CLEAR,
+    FRAME,
+    ROUNDING,
+    SMALL,
+    Arrays,
+    Bench,
+    Frame,
+    LawBroken,
+    Trial,
+    facts_of,
+    full_scale,
+    largest_difference,
+)
+
+
+def hold(condition: bool, otherwise: str) -> None:
+    if not condition:
+        raise LawBroken(otherwise)
+
+
+def ratio_of(apart: float, scale: float) -> float:
+    return apart / scale if scale else math.inf
+
+
+def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> Trial:
+    found: list[Trial] = []
+    thread = threading.Thread(target=lambda: found.append(bench.run(inputs, precision)))
+    thread.start()
+    thread.join()
+    hold(bool(found), f"{bench.name} cannot be computed in a fresh thread")
+    return found[0]
+
+
+def with_value(array: Any, value: float) -> Any:
+    """A copy with one value replaced."""
+    changed = np.array(array, dtype=float)
+    changed.flat[changed.size // 2] = value
+    return changed
+
+
+def levels_of(bench: Bench) -> Iterator[tuple[str, float]]:
+    if not bench.reads:
+        yield "ordinary", 1.0
+        return
+    yield from (("ordinary", 1.0), ("decades", 1.0), ("uniform", 1.0), ("ordinary", 1e-3), ("ordinary", 1e2))
+
+
+def stated_error_of(bench: Bench, precision: str) -> tuple[float | None, str]:
+    inputs = bench.arrays("ordinary")
+    facts = bench.stage.describe()[0] if is_source(bench.kind) else bench.facts(inputs)  # type: ignore[attr-defined]
+    answer = bench.stage.error(facts, bench.input_grids(), precision)  # type: ignore[attr-defined]
+    hold(isinstance(answer, tuple) and len(answer) == 2, f"{bench.name}.error gives {answer!r}, not (bound, how)")
+    return answer
+
+
+def bound_of(bench: Bench, inputs: Arrays, precision: str, otherwise: float = 0.0, frame: Frame = FRAME) -> float:
+    bound = bench.own_error(inputs, precision, frame)
+    return max(otherwise, bound or 0.0)
+
+
+def must_survive(bench: Bench, inputs: Arrays, precision: str, frame: Frame, what: str) -> None:
+    try:
+        trial = bench.run(inputs, precision, frame)
+    except ValueError:
+        return  # the grid is refused, before anything runs
+    if trial.done:
+        return
+    message = trial.last_line
+    wrote = message.startswith(f"{type(bench.stage).__name__} wrote ") or message.startswith(f"{type(bench.stage).__name__} gave ")
+    clear = message.startswith(CLEAR) or (trial.report.message == message and not wrote)
+    hold(clear, f"{bench.name} on {what} input in {precision}: {message}")
+
+
+def perturbations_of(shape: tuple[int, ...], worst: Any) -> Iterator[Any]:
+    random = np.random.default_rng(7)
+    yield random.uniform(-1.0, 1.0, shape)
+    yield np.ones(shape)
+    if worst is not None:
+        yield worst
+        yield -worst
+
+
+def worst_signs_of(bench: Bench, port: str, main: str) -> Any:
+    """Signs of the row with the largest sum in the derivative of the result by the input, on a small frame."""
+    base = np.full_like(bench.array(port, "uniform", SMALL), 0.5 * bench.scale(port))
+    step = 1e-2 * bench.scale(port)
+    reference = bench.result({port: base}, frame=SMALL).arrays[main].astype(float)
+    columns = []
+    for place in range(base.size):
+        moved = base.copy()
+        moved.flat[place] += step
+        columns.append((bench.result({port: moved}, frame=SMALL).arrays[main].astype(float) - reference).ravel())
+    derivative = np.array(columns)
+    row = int(np.abs(derivative).sum(axis=0).argmax())
+    return np.where(derivative[:, row] < 0, -1.0, 1.0).reshape(base.shape)
+
+
+def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Any, frame: Frame) -> None:
+    brightest = full_scale(inputs[port])
+    other = inputs[port] + change * brightest
+    if bench.reads[port].dtype != "float":
+        other = np.clip(np.rint(other), 0, np.iinfo(bench.reads[port].dtype).max)
+    elif bench.stage.negative != "keep":
+        other = np.maximum(other, 0.0)
+    apart_in = largest_difference(inputs[port], other) / brightest
+    trials = [bench.run({port: array}, frame=frame) for array in (inputs[port], other, np.full_like(other, brightest))]
+    if not all(trial.done for trial in trials):
+        return
+    first, second, uniform = (trial.arrays[main] for trial in trials)
+    scale = max(bench.full_scale(main, first, frame), full_scale(uniform))
+    apart = largest_difference(first, second)
+    own = 2 * bound_of(bench, inputs, "float64", ROUNDING, frame)
+    gain = bench.stage.gain
+    assert gain is not None
+    hold(
+        apart <= (gain * apart_in * (1 + 1e-9) + own) * scale,
+        f"{bench.name}: an error of {apart_in:.2g} of full scale in {port} became {ratio_of(apart, scale):.2g} of full scale in {main}, "
+        f"{ratio_of(apart, scale * apart_in):.3g} times as large, but gain is {gain:g}; declare a larger one, or None",
+    )
+
+
+def check_facts(bench: Bench, facts: Facts, array: Any, slack: float, where: str) -> None:
+    hold(isinstance(facts, Facts), f"{bench.name} gives {facts!r} as facts")
+    true = facts_of(array, bench.writes[next(iter(bench.writes))].dims)
+    assert true.low is not None
+    assert true.high is not None
+    room = (slack + ROUNDING) * full_scale(array)
+    if facts.low is not None:
+        hold(true.low >= facts.low - room, f"{bench.name} says at least {facts.low:g}, but on {where} it writes {true.low:g}")
+    if facts.high is not None:
+        hold(true.high <= facts.high + room, f"{bench.name} says at most {facts.high:g}, but on {where} it writes {true.high:g}")
+    if facts.uniform:
+        spread = np.ptp(np.asarray(array, dtype=float), axis=(-2, -1)).max() if np.ndim(array) >= 2 else 0.0
+        hold(spread <= 2 * room, f"{bench.name} says uniform, but on {where} it writes values {spread:g} apart")
+    if facts.contrast is not None and true.contrast is not None:
+        hold(
+            true.contrast <= facts.contrast * (1 + 1e-9 + 4 * slack),
+            f"{bench.name} says contrast {facts.contrast:g}, but on {where} it writes {true.contrast:g}",
+        )
+
+
+def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, default: Any, stage: Stage) -> None:
+    field = next(f for f in dataclasses.fields(stage) if f.name == name)
+    hold("parameter" in field.metadata, f"{place} is declared without param() or quantity(): no unit, no range")
+    try:
+        parse_unit(parameter.units or "1")
+    except UnitError as error:
+        raise LawBroken(f"{place}: {error}") from None
+    hold(not parameter.fidelity or bool(parameter.reference), f"{place} is a fidelity parameter without a reference")
+    if parameter.camera and name in camera.names():
+        shared = standard_quantity(name)
+        hold(shared.units == parameter.units, f"{place} is in {parameter.units}, the camera's {name} in {shared.units}; use quantity()")
+    folder = Path.cwd()
+    if default is not MISSING and not parameter.file and default != "":
+        try:
+            same = resolve(list(default) if isinstance(default, tuple) else default, parameter, kind, folder)
+        except Unfit as error:
+            raise LawBroken(f"{place}: its own default is refused: {error}") from None
+        hold(same == default, f"{place}: its default {default!r} reads as {same!r}")
+    for value in values_outside(parameter, kind):
+        try:
+            resolve(value, parameter, kind, folder)
+        except Unfit:
+            continue
+        raise LawBroken(f"{place} accepts {value!r}, which is out of its range ({parameter.range_text()})")
+
+
+def standard_quantity(name: str) -> Parameter:
+    return camera.quantity(name).metadata["parameter"]
+
+
+def values_outside(parameter: Parameter, kind: Any) -> Iterator[Any]:
+    """Values that must be refused."""
+    numbers: list[Any] = []
+    if parameter.above is not None:
+        numbers.append(parameter.above)
+    if parameter.below is not None:
+        numbers.append(parameter.below)
+    if parameter.at_least is not None:
+        numbers.append(parameter.at_least - 1)
+    if parameter.at_most is not None:
+        numbers.append(parameter.at_most + 1)
+    if parameter.choices:
+        yield "no such choice"
+    elif kind in (int, float):
+        yield from (math.nan, "3 furlong", "text", True)
+        if not parameter.infinite:
+            yield math.inf
+        yield from numbers
+    elif parameter.length is not None:
+        yield from ([number] * parameter.length for number in numbers)
+        yield [0.5] * (parameter.length + 1)

@@ -1,0 +1,393 @@
+"""The laws every stage keeps: one test method each.
+
+In:  an instance of a stage.
+Out: nothing, or a broken law that names the stage, the values and what to change.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import math
+import pickle
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from etendue.run.cell import prepared_of, transfer_of
+from etendue.spec.grid import Grid
+from etendue.spec.stage import (
+    Probe,
+    Stage,
+    arguments_of,
+    is_source,
+    is_transfer,
+    parameters_of,
+    reads_of,
+    writes_of,
+)
+from etendue.testing.bench import (
+    CLEAR,
+    EDGES,
+    EXTREMES,
+    FRAME,
+    LARGE,
+    ODD_FRAMES,
+    PRECISIONS,
+    ROUNDING,
+    SMALL,
+    Bench,
+    Finding,
+    LawBroken,
+    digests,
+    full_scale,
+    largest_difference,
+)
+from etendue.testing.checks import (
+    bound_of,
+    check_facts,
+    check_gain,
+    check_parameter,
+    hold,
+    in_a_fresh_thread,
+    levels_of,
+    must_survive,
+    perturbations_of,
+    ratio_of,
+    stated_error_of,
+    with_value,
+    worst_signs_of,
+)
+
+
+class StageConformance:
+    """Subclass it, set ``stage``, and pytest holds the stage against each law.
+
+    Attributes
+    ----------
+    stage : the instance to check (set it in a fixture when it needs files)
+    grids : grids by port, for dims the kit cannot guess
+    scales : full scale by port, in its unit
+    """
+
+    stage: Stage
+    grids: ClassVar[Mapping[str, Grid]] = {}
+    scales: ClassVar[Mapping[str, float]] = {}
+
+    @property
+    def bench(self) -> Bench:
+        return Bench(self.stage, self.grids, self.scales)
+
+    # -- what it says
+
+    def test_the_declaration_is_well_formed(self) -> None:
+        """Ports, dims and units are readable, arguments are named, policies are words the engine knows."""
+        kind, name = type(self.stage), type(self.stage).__name__
+        try:
+            reads, writes = reads_of(kind), writes_of(kind)
+            arguments_of(kind), parameters_of(kind)
+        except (TypeError, ValueError) as error:
+            raise LawBroken(f"{name}: {error}") from None
+        hold(bool(writes), f"{name} writes nothing")
+        hold(hasattr(kind, "run") != hasattr(kind, "transfer"), f"{name} needs either run or transfer")
+        hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
+        hold(kind.negative in ("error", "clip", "keep"), f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'")
+        hold(kind.gain is None or 0 <= kind.gain < math.inf, f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0")
+        looks = [d.variable for d in reads.values() if d.variable.startswith("*.")]
+        hold(not looks or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(looks)}), which only a Probe may")
+        hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
+        hold(not is_transfer(kind) or len(reads) == 1 == len(writes), f"{name} has transfer: it reads and writes one variable each")
+        for library in kind.libraries:
+            try:
+                importlib.metadata.version(library)
+            except importlib.metadata.PackageNotFoundError:
+                raise LawBroken(f"{name}.libraries names {library!r}, which is no installed distribution") from None
+
+    def test_it_is_a_value(self) -> None:
+        """Frozen, hashable, equal to its copy, and its repr and its pickle give it back."""
+        stage, kind = self.stage, type(self.stage)
+        for field in dataclasses.fields(stage):
+            try:
+                setattr(stage, field.name, getattr(stage, field.name))
+            except dataclasses.FrozenInstanceError:
+                continue
+            raise LawBroken(f"{kind.__name__}.{field.name} can be changed: write @dataclass(frozen=True, kw_only=True)")
+        try:
+            hash(stage)
+        except TypeError as error:
+            raise LawBroken(f"{stage!r} is not hashable: {error}") from None
+        hold(dataclasses.replace(stage) == stage, f"a copy of {stage!r} is not equal to it")
+        try:
+            same = pickle.loads(pickle.dumps(stage)) == stage
+        except Exception as error:
+            raise LawBroken(f"{stage!r} cannot travel to another process: {error}") from None
+        hold(same, f"pickle gives {stage!r} back as another value: other processes would compute something else")
+        text = repr(stage)
+        try:
+            again = eval(text.replace(kind.__qualname__, kind.__name__, 1), {"inf": math.inf, kind.__name__: kind})
+        except Exception as error:
+            raise LawBroken(f"the repr {text} cannot be read back: {error}") from None
+        hold(again == stage, f"the repr {text} gives back another value")
+
+    def test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range(self) -> None:
+        for name, (parameter, kind, default) in parameters_of(type(self.stage)).items():
+            check_parameter(f"{type(self.stage).__name__}.{name}", name, parameter, kind, default, self.stage)
+
+    def test_the_grid_is_a_pure_function(self) -> None:
+        """Asked twice it says the same, of grids it leaves alone, for any size of frame or with a clear refusal."""
+        stage = self.stage
+        if is_source(type(stage)):
+            hold(stage.describe() == stage.describe(), f"{stage!r} describes itself differently when asked twice")  # type: ignore[attr-defined]
+            return
+        if not hasattr(stage, "grid"):
+            return
+        for frame in (FRAME, *ODD_FRAMES):
+            given = self.bench.input_grids(frame)
+            kept = dict(given)
+            try:
+                first, second = stage.grid(given), stage.grid(dict(given))
+            except ValueError as error:
+                hold(frame != FRAME, f"{stage!r}.grid refuses an ordinary grid: {error}")
+                continue
+            hold(given == kept, f"{stage!r}.grid changes the mapping it is given")
+            hold(first == second, f"{stage!r}.grid gives another grid when asked again")
+            unknown = sorted(set(first) - set(self.bench.writes))
+            hold(not unknown, f"{stage!r}.grid speaks of {', '.join(unknown)}, which it does not write")
+            hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid gives something that is no Grid")
+
+    # -- what it does
+
+    def test_it_writes_what_it_declares(self) -> None:
+        """Names, shape, dtype, and finite values unless declared otherwise: the engine's own check, in both precisions."""
+        bench = self.bench
+        for precision in PRECISIONS:
+            for summed in (False, True) if bench.looks else (False,):
+                trial = bench.result(bench.arrays("ordinary"), precision, summed=summed)
+                for variable, declaration in bench.writes.items():
+                    wanted, found = precision if declaration.dtype == "float" else declaration.dtype, trial.arrays[variable].dtype
+                    hold(found == wanted, f"{bench.name} wrote {variable} as {found}, not {wanted}")
+
+    def test_inputs_are_left_alone(self) -> None:
+        bench = self.bench
+        for precision in PRECISIONS:
+            trial = bench.run(bench.arrays("ordinary"), precision)
+            hold("read-only" not in trial.last_line, f"{bench.name} writes into its input: {trial.last_line}")
+            hold(not trial.touched, f"{bench.name} changes its input {', '.join(trial.touched)}")
+
+    def test_bits_do_not_depend_on_repetition_company_or_thread(self) -> None:
+        """The same cell again, after others, as an equal instance in a fresh thread: the same bits."""
+        bench = self.bench
+        for precision in PRECISIONS:
+            inputs = bench.arrays("ordinary")
+            first = digests(bench.result(inputs, precision).arrays)
+            again = digests(bench.result(inputs, precision).arrays)
+            hold(again == first, f"{bench.name} gives other bits when run again in {precision}")
+            for other in ("decades", "uniform", "zeros"):
+                bench.run(bench.arrays(other), precision)
+            if not is_source(bench.kind):
+                for frame in (SMALL, (FRAME[0] + 1, FRAME[1])):
+                    try:
+                        bench.run(bench.arrays("ordinary", frame), precision, frame)
+                    except ValueError:
+                        continue  # a grid it refuses: another law's subject
+            again = digests(bench.result(inputs, precision).arrays)
+            hold(again == first, f"{bench.name} gives other bits after other cells in {precision}")
+            twin = Bench(dataclasses.replace(bench.stage), bench.given_grids, bench.scales)
+            again = digests(in_a_fresh_thread(twin, inputs, precision).arrays)
+            hold(again == first, f"{bench.name} gives other bits in a fresh thread in {precision}")
+
+    def test_extremes_stay_finite_or_are_refused_clearly(self) -> None:
+        """Zeros, 1e-30, a million times full scale, a point, a hole; frames of one pixel, one row, one column, odd sizes."""
+        bench = self.bench
+        for precision in PRECISIONS:
+            for what in EXTREMES if bench.reads else ():
+                must_survive(bench, bench.arrays(what), precision, FRAME, what)
+                for port in bench.reads if len(bench.reads) > 1 else ():
+                    must_survive(bench, {**bench.arrays("ordinary"), port: bench.array(port, what)}, precision, FRAME, f"{what} in {port}")
+            for frame in ODD_FRAMES if bench.reads and not bench.given_grids else ():
+                for what in ("ordinary", "zeros"):
+                    must_survive(bench, bench.arrays(what, frame), precision, frame, f"{what} on {frame[0]} x {frame[1]}")
+
+    # -- policies
+
+    def test_undefined_input_meets_the_declared_policy(self) -> None:
+        bench = self.bench
+        for port, declaration in bench.reads.items():
+            for bad in (math.nan, math.inf) if declaration.dtype == "float" else ():
+                trial = bench.run({**bench.arrays("ordinary"), port: with_value(bench.array(port, "ordinary"), bad)})
+                if bench.stage.nan == "keep":
+                    hold(trial.done, f"{bench.name} declares nan = 'keep', but fails on {bad} in {port}: {trial.last_line}")
+                else:
+                    hold(not trial.done, f"{bench.name} lets {bad} in {port} pass; declare nan = 'keep' if that is meant")
+
+    def test_negative_input_meets_the_declared_policy(self) -> None:
+        bench = self.bench
+        policy = bench.stage.negative
+        for port, declaration in bench.reads.items():
+            if declaration.dtype != "float":
+                continue
+            ordinary = bench.arrays("ordinary")
+            below = with_value(ordinary[port], -0.01 * bench.scale(port))
+            trial = bench.run({**ordinary, port: below})
+            if policy == "keep":
+                clear = trial.done or trial.last_line.startswith(CLEAR)
+                hold(clear, f"{bench.name} declares negative = 'keep', but fails on it in {port}: {trial.last_line}")
+            elif policy == "clip":
+                same = bench.result({**ordinary, port: np.maximum(below, 0)})
+                kept = trial.done and digests(trial.arrays) == digests(same.arrays) and trial.report.clipped > 0
+                hold(kept, f"{bench.name} declares negative = 'clip', but negative {port} is not as if it were 0, and counted")
+            else:
+                hint = "; a transfer function is applied to any sign: declare negative = 'keep'" if is_transfer(bench.kind) else ""
+                hold(not trial.done, f"{bench.name} lets negative {port} pass{hint or '; declare negative = keep if that is meant'}")
+
+    # -- claims
+
+    def test_the_stated_error_is_true_of_single_against_double_precision(self) -> None:
+        """Bound and how it is known; two results within their bounds lie within the sum of the bounds.
+
+        Relative to full scale: the largest value of the result in double precision, or a converter's top code.
+        """
+        bench = self.bench
+        if not hasattr(bench.stage, "error"):
+            return
+        bounds: dict[str, float] = {}
+        for precision in PRECISIONS:
+            bound, how = stated_error_of(bench, precision)
+            hold(how in ("proved", "fitted", "measured", "unknown"), f"{bench.name}.error says {how!r}; allowed: proved, fitted, measured")
+            hold(bound is None or 0 <= bound < math.inf, f"{bench.name}.error gives {bound}; allowed are None and finite numbers from 0")
+            if bound is not None:
+                bounds[precision] = bound
+        if len(bounds) < 2 or not bench.steady:
+            return
+        hold(bounds["float64"] <= bounds["float32"], f"{bench.name}.error is larger in double precision than in single: {bounds}")
+        large = [("ordinary", 1.0, LARGE)] if bench.reads and not bench.given_grids else []
+        for what, factor, frame in (*((*level, FRAME) for level in levels_of(bench)), *large):
+            inputs = bench.given(bench.arrays(what, frame, factor), "float32")
+            allowed = sum(bound_of(bench, inputs, precision, frame=frame) for precision in PRECISIONS)
+            single, double = bench.run(inputs, "float32", frame), bench.run(inputs, "float64", frame)
+            if not (single.done and double.done):
+                continue  # refused: another law's subject
+            for variable, exact in double.arrays.items():
+                apart, scale = largest_difference(single.arrays[variable], exact), bench.full_scale(variable, exact, frame)
+                hold(
+                    apart <= allowed * scale,
+                    f"{bench.name}: single and double precision of {variable} differ by {ratio_of(apart, scale):.2g} of full scale on "
+                    f"{what} input x {factor:g} of {frame[0]} x {frame[1]}, but error() allows {allowed:.2g}; "
+                    "state what is true, or find where the digits go",
+                )
+
+    def test_leaving_it_out_is_no_worse_than_negligible_says(self) -> None:
+        bench = self.bench
+        if not hasattr(bench.stage, "negligible"):
+            return
+        main = next(iter(bench.writes))
+        port = next((p for p, d in bench.reads.items() if d.variable == main), None)
+        hold(port is not None, f"{bench.name} has negligible, but does not read {main}, which it writes")
+        assert port is not None
+        for what, factor in (*levels_of(bench), ("point", 1.0), ("hole", 1.0)):
+            inputs = bench.arrays(what, factor=factor)
+            answer = bench.stage.negligible(bench.facts(inputs)[port], bench.input_grids()[port])  # type: ignore[attr-defined]
+            if answer is None:
+                continue
+            bound, why = answer
+            hold(bound >= 0 and bool(why), f"{bench.name}.negligible gives {answer}, not (a bound from 0, the reason)")
+            if bound > 0 and not bench.steady:
+                continue
+            trial = bench.result(inputs)
+            for variable in bench.writes:
+                own = next(p for p, d in bench.reads.items() if d.variable == variable)
+                scale = full_scale(inputs[own])
+                apart = largest_difference(trial.arrays[variable], inputs[own])
+                slack = bound_of(bench, inputs, "float64", ROUNDING)
+                hold(
+                    apart <= (bound + slack) * scale,
+                    f"{bench.name}: leaving it out changes {variable} by {ratio_of(apart, scale):.2g} of full scale on {what} input, "
+                    f"but negligible() says {bound:.2g} ({why})",
+                )
+
+    def test_errors_grow_by_no_more_than_the_gain(self) -> None:
+        """Pairs of inputs: random, shifted, and with the signs that hurt most, at several levels and sizes of error.
+
+        Errors are relative to full scale: the largest value of what is read; of what is written, its largest value
+        for this input or for a uniform field as bright as its brightest point. The stage's own error comes on top.
+        """
+        bench = self.bench
+        port = bench.one_array
+        if bench.stage.gain is None or port is None or not bench.steady:
+            return
+        main = next(iter(bench.writes))
+        frames = (FRAME, SMALL)
+        for frame in frames:
+            worst = worst_signs_of(bench, port, main) if frame == SMALL else None
+            for level in (1e-2, 1.0, 1e2):
+                for what in ("ordinary", "decades"):
+                    inputs = bench.arrays(what, frame, level)
+                    for size in (0.1, 1e-4):
+                        for signs in perturbations_of(inputs[port].shape, worst):
+                            check_gain(bench, port, main, inputs, size * signs, frame)
+
+    def test_a_transfer_function_keeps_the_mean_and_a_real_image_real(self) -> None:
+        """1 at zero frequency, Hermitian, and never above 1 unless a larger ``gain`` says so."""
+        bench = self.bench
+        if not is_transfer(bench.kind):
+            return
+        grids = bench.input_grids()
+        prepared = prepared_of(bench.stage, grids, bench.job().grids)
+        axis = np.array([-0.7, -0.31, -0.05, 0.0, 0.05, 0.31, 0.7])
+        value = np.asarray(transfer_of(bench.stage, axis[:, None], axis[None, :], EDGES, prepared))
+        hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (wavelength, y, x)")
+        hold(value.ndim == 2 or value.shape[0] in (1, len(EDGES) - 1), f"{bench.name}.transfer has {value.shape[0]} planes for 5 bands")
+        hold(bool(np.isfinite(value).all()), f"{bench.name}.transfer is not finite")
+        centre = np.abs(value[..., 3, 3] - 1).max()
+        hold(centre <= 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it makes or loses light")
+        uneven = np.abs(value[..., ::-1, ::-1] - np.conj(value)).max()
+        hold(uneven <= 1e-12, f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex")
+        wide = np.linspace(-3.0, 3.0, 61)
+        highest = np.abs(transfer_of(bench.stage, wide[:, None], wide[None, :], EDGES, prepared)).max()
+        limit = max(1.0, bench.stage.gain or 1.0)
+        hold(highest <= limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
+        if hasattr(bench.stage, "weights"):
+            weights = np.asarray(bench.stage.weights(prepared))
+            right = weights.ndim == 2 and weights.shape[1] == len(EDGES) - 1 and bool(np.isfinite(weights).all())
+            hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(EDGES) - 1}), or is not finite")
+
+    def test_carried_facts_are_true_of_what_is_written(self) -> None:
+        """Range, uniformity and contrast of the first variable; of a source, what ``describe`` says."""
+        bench = self.bench
+        main = next(iter(bench.writes))
+        if is_source(bench.kind):
+            facts, grids = bench.stage.describe()  # type: ignore[attr-defined]
+            hold(set(grids) <= set(bench.writes), f"{bench.name}.describe speaks of variables it does not write")
+            trial = bench.result({})
+            check_facts(bench, facts, trial.arrays[main], 1e-9, "what it draws")
+            return
+        if not hasattr(bench.stage, "carry") or not bench.steady:
+            return
+        for what, factor in (*levels_of(bench), ("point", 1.0), ("hole", 1.0)):
+            inputs = bench.arrays(what, factor=factor)
+            trial = bench.run(inputs)
+            if trial.done:
+                facts = bench.stage.carry(bench.facts(inputs), bench.input_grids())  # type: ignore[attr-defined]
+                check_facts(bench, facts, trial.arrays[main], bound_of(bench, inputs, "float64", ROUNDING), f"{what} input")
+
+
+def laws() -> list[str]:
+    """The names of the laws, in order."""
+    return [name for name in vars(StageConformance) if name.startswith("test_")]
+
+
+def check_stage(stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> list[Finding]:
+    """Hold one stage against every law; the findings, none when it conforms."""
+    one = type("Conformance", (StageConformance,), {"stage": stage, "grids": grids or {}, "scales": scales or {}})()
+    findings = []
+    for law in laws():
+        try:
+            getattr(one, law)()
+        except Exception as error:  # a stage may break anywhere, in grid or describe too
+            text = str(error) if isinstance(error, LawBroken) else f"{type(error).__name__}: {error}"
+            findings.append(Finding(law, text))
+    return findings
+
+
+# -- parts of the laws ------------------------------------------------------------------------------------
