@@ -7,6 +7,7 @@ Levels rise strictly along every dependency between batches, so that diamonds ca
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -92,8 +93,11 @@ def run_batch(
             readers[ref] = readers.get(ref, 0) + 1
     own = set(exports)
     reports, kept = [], {}
+    clock: float | None = None
     for job in jobs:
-        result, report = compute(job, results)
+        began = time.thread_time() if clock is None else clock
+        result, report = compute(job, results, began)
+        clock = None if job.store and job.target else began + report.seconds
         results[job.ref] = result
         reports.append(report)
         if job.ref in deliver:

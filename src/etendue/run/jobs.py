@@ -18,7 +18,7 @@ from etendue.spec.stage import Stage
 from etendue.spec.variables import Declaration
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)  # written once; freezing it would cost more than making it
 class Job:
     """One cell to compute, or to load because something else reads it.
 
