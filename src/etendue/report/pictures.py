@@ -53,7 +53,12 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
     if dims == ("channel", "y", "x"):
         planes = np.asarray(array, dtype=np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
-            planes = colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), planes)
+            matrix = np.linalg.inv(colour.RGB_TO_XYZ_SRGB)
+            white = cell.stage.viewing_white() if hasattr(cell.stage, "viewing_white") else None
+            if white is not None:  # shown as its viewer sees it, not as it would look beside a D65 white
+                seen = colour.von_kries_matrix(white, colour.xyz_from_xy(colour.D65_XY), colour.TRANSFORMS["bradford"])
+                matrix = matrix @ seen
+            planes = colour.apply_matrix(matrix, planes)
         return planes if planes.shape[0] == 3 else np.repeat(planes[:1], 3, axis=0)
     if dims == ("y", "x"):
         plane = np.asarray(array, dtype=np.float32)

@@ -180,6 +180,10 @@ class Balance(Stage):
     def prepare(self, coordinates: Any) -> Any:
         return white_of(self.target)
 
+    def viewing_white(self) -> Any:
+        """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the picture."""
+        return white_of(self.target) if self.gains == "white" else None
+
     def run(self, xyz_scene: Any, white_xyz: Any, prepared: Any) -> dict[str, Any]:
         cones = colour.TRANSFORMS[SPACES[self.space]]
         if self.gains == "as_printed":
