@@ -46,9 +46,7 @@ def describe(name: str, plan) -> None:  # type: ignore[no-untyped-def]
 
 def engine_runs(plan, archive: bool) -> None:  # type: ignore[no-untyped-def]
     rows = {}
-    execute(
-        plan_of(HERE / "one_sample.toml", **WARM), None, Options(scheduler="serial")
-    )
+    execute(plan_of(HERE / "one_sample.toml", **WARM), None, Options(scheduler="serial"))
     for label, options in (("1 thread", Options(scheduler="serial")), ("2 threads", Options(workers=2))):
         folder = Path(tempfile.mkdtemp())
         wall, cpu, outcome = timed(execute, plan, folder / "archive" if archive else None, options)
