@@ -20,7 +20,8 @@ from etendue.physics.noise import philox
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
-from etendue.run.cell import SensorRandom, coordinates_of, prepared_of, transfer_of
+from etendue.run.segments import transfer_of
+from etendue.run.tables import SensorRandom, coordinates_of, prepared_of
 from etendue.spec.pipeline import read_pipeline
 from etendue.spec.stage import arguments_of
 

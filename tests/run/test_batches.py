@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etendue.run.batches import partition, run_batch
-from etendue.run.cell import Result
 from etendue.run.jobs import Job
 from etendue.run.order import depth_first
 from etendue.run.parallel import run_parallel
+from etendue.run.segments import Result
 from etendue.run.serial import run_serial
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage

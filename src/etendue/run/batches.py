@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from etendue.plan.model import CellRef
-from etendue.run.cell import Result, compute
+from etendue.run.cell import compute
 from etendue.run.jobs import Job
 from etendue.run.order import depth_first
+from etendue.run.segments import Result
 from etendue.spec.ports import CellReport
 
 TARGET_SECONDS = 0.1

@@ -18,8 +18,9 @@ from threadpoolctl import ThreadpoolController
 
 from etendue.plan.cells import output_grid
 from etendue.plan.model import CellRef
-from etendue.run.cell import Result, compute, smallest
+from etendue.run.cell import compute, smallest
 from etendue.run.jobs import Job
+from etendue.run.segments import Result
 from etendue.spec import camera
 from etendue.spec.facts import Facts
 from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line

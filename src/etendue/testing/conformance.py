@@ -15,7 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from etendue.run.cell import prepared_of, transfer_of
+from etendue.run.segments import transfer_of
+from etendue.run.tables import prepared_of
 from etendue.spec.grid import Grid
 from etendue.spec.stage import (
     Probe,

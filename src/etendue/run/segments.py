@@ -1,0 +1,121 @@
+"""Transfer functions: one transform at the start of a segment, products in frequency, one transform for what is wanted.
+
+In:  a ``Job`` of a transfer stage and the results it reads.
+Out: its ``Result`` with the spectrum for the next stage, and its arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from etendue.physics import sampling
+from etendue.plan.model import CellRef
+from etendue.run.jobs import Job
+from etendue.run.tables import TABLES, prepared_of
+from etendue.spec.grid import Bands, Grid
+from etendue.spec.stage import Stage, state_of
+
+
+@dataclass
+class Result:
+    """What later cells read: arrays, the spectrum inside a segment, and the smallest value of an array once somebody asked (NaN:
+    it holds undefined values).
+
+    ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by bit.
+    """
+
+    arrays: dict[str, Any] = field(default_factory=dict)
+    lowest: dict[str, float] = field(default_factory=dict)
+    spectrum: Any = None
+    untouched: Any = None
+    failed: str = ""
+
+    def read_only(self) -> Result:
+        """Forbid writing into the arrays: a trip to another process forgets it."""
+        for array in (*self.arrays.values(), self.spectrum, self.untouched):
+            if array is not None:
+                array.flags.writeable = False
+        return self
+
+
+def transfer_of(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...], prepared: Any) -> Any:
+    """The transfer function at separable frequencies, (wavelength, y, x) or without wavelength."""
+    bands = Bands(edges)
+    wavelength = np.array(bands.values())[:, None, None] * 1e-3
+    return stage.transfer(fy, fx, wavelength) if prepared is None else stage.transfer(fy, fx, wavelength, prepared)  # type: ignore[attr-defined]
+
+
+def _grid_transfer(job: Job) -> Any:
+    grid = job.input_grids[job.inputs[0][0]]
+    y, x = grid.line("y"), grid.line("x")
+    edges = grid.bands().edges
+
+    def make() -> Any:
+        fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
+        fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
+        value = transfer_of(job.stage, fy, fx, edges, prepared_of(job.stage, job.input_grids, job.grids))
+        kind = np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
+        return np.ascontiguousarray(value, dtype=kind)
+
+    return TABLES.get(("transfer", state_of(job.stage), y, x, edges, job.precision), make)
+
+
+def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+    port, ref, variable = job.inputs[0]
+    grid = job.input_grids[port]
+    y, x = grid.line("y"), grid.line("x")
+    if job.previous is not None:
+        spectrum, untouched = results[ref].spectrum, results[ref].untouched
+    else:
+        untouched = results[ref].arrays[variable]
+        spectrum = sampling.spectrum(untouched)
+    (name,) = job.writes
+    if hasattr(job.stage, "weights"):
+        prepared = prepared_of(job.stage, job.input_grids, job.grids)
+        otf = _grid_transfer(job)
+        if otf.ndim == 3 and otf.shape[0] > 1:
+            spectrum = spectrum * otf
+        channels = sampling.sum_over_wavelength(np.asarray(job.stage.weights(prepared)), np.ascontiguousarray(spectrum))
+        if not (otf.ndim == 3 and otf.shape[0] > 1):
+            channels = channels * otf
+        out = job.grids[name]
+        where = []
+        for dim, line in (("y", y), ("x", x)):
+            start, step = out.line(dim).um()
+            where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
+        return Result(), {name: sampling.sample(channels, y.size, x.size, where[0], where[1])}
+    if not job.left_out:
+        spectrum, untouched = spectrum * _grid_transfer(job), None
+    arrays = {}
+    if job.store or job.deliver:
+        arrays = {name: sampling.planes_of(spectrum, y.size, x.size) if untouched is None else untouched}
+    return (Result(spectrum=spectrum, untouched=untouched) if job.spectrum else Result()), arrays
+
+
+class Otf:
+    """The transfer function up to one stage along x, for probes: ``otf(f)`` is (wavelength, frequency)."""
+
+    def __init__(self, stages: tuple[Stage, ...], edges: tuple[float, ...]) -> None:
+        self.stages, self.edges = stages, edges
+
+    def __call__(self, frequency: Any) -> Any:
+        fx = np.asarray(frequency, dtype=float)[None, :]
+        product = np.ones((len(self.edges) - 1, 1, fx.size))
+        for stage in self.stages:
+            product = product * (self._at(stage, fx) if fx.size < 256 else self._remembered(stage, fx))
+        return product[:, 0, :]
+
+    def _at(self, stage: Stage, fx: Any) -> Any:
+        prepared = None
+        if hasattr(stage, "prepare"):
+            grid = Grid.of({"wavelength": Bands(self.edges)})
+            prepared = prepared_of(stage, {"irradiance": grid}, {})
+        return transfer_of(stage, np.zeros((1, 1)), fx, self.edges, prepared)
+
+    def _remembered(self, stage: Stage, fx: Any) -> Any:
+        """The coarse grid of a search is the same in every cell of a sweep."""
+        return TABLES.get(("otf", state_of(stage), self.edges, fx.tobytes()), lambda: self._at(stage, fx))

@@ -1,0 +1,111 @@
+"""What a process remembers between cells: coordinates, prepared tables, fixed patterns, transfer functions.
+
+In:  grids and stages.
+Out: read-only arrays, made once and kept while there is room.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from etendue.physics.noise import sensor_normal
+from etendue.spec.grid import Bands, Grid, Line
+from etendue.spec.stage import Stage, state_of
+
+LARGEST_CACHE = 256 << 20
+
+
+class Cache:
+    """Values by key, least recently used dropped first, bounded in bytes. Shared by the threads of a process."""
+
+    def __init__(self, largest: int) -> None:
+        self.largest, self.held = largest, 0
+        self.entries: OrderedDict[Any, tuple[Any, int]] = OrderedDict()
+        self.lock = threading.Lock()
+        self.making: dict[Any, threading.Lock] = {}
+
+    def get(self, key: Any, make: Callable[[], Any]) -> Any:
+        with self.lock:
+            if key in self.entries:
+                self.entries.move_to_end(key)
+                return self.entries[key][0]
+            making = self.making.setdefault(key, threading.Lock())
+        with making:
+            with self.lock:
+                if key in self.entries:
+                    return self.entries[key][0]
+            value = make()
+            size = _size(value)
+            with self.lock:
+                self.entries[key] = (value, size)
+                self.held += size
+                while self.held > self.largest and len(self.entries) > 1:
+                    _, (_, dropped) = self.entries.popitem(last=False)
+                    self.held -= dropped
+                self.making.pop(key, None)
+        return value
+
+
+def _size(value: Any) -> int:
+    """Bytes of the arrays in a value, containers looked into."""
+    if isinstance(value, Mapping):
+        value = tuple(value.values())
+    if isinstance(value, tuple | list):
+        return 256 + sum(_size(v) for v in value)
+    return int(getattr(value, "nbytes", 256))
+
+
+TABLES = Cache(LARGEST_CACHE)
+
+
+def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any]:
+    """Coordinates as arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane."""
+    found: dict[str, Any] = {}
+    for grid in grids.values():
+        for dim, coordinate in grid.entries:
+            if f"{prefix}{dim}" in found:
+                continue
+            if isinstance(coordinate, Bands):
+                found[f"{prefix}wavelength_edges"] = np.array(coordinate.edges)
+                found[f"{prefix}{dim}"] = np.array(coordinate.values())
+            elif isinstance(coordinate, Line):
+                start, step = coordinate.um()
+                found[f"{prefix}{dim}"] = coordinate.start + coordinate.step * np.arange(coordinate.size)
+                found[f"{prefix}{dim}_um"] = start + step * np.arange(coordinate.size)
+            else:
+                found[f"{prefix}{dim}"] = np.array(coordinate.values())
+    for array in found.values():
+        array.flags.writeable = False
+    return found
+
+
+class SensorRandom:
+    """Standard normals that belong to the pixels of one sensor: the same in every cell, frame and window."""
+
+    def __init__(self, words: bytes, grid: Grid, precision: str) -> None:
+        self.words, self.rows, self.columns, self.precision = words, grid.line("y"), grid.line("x"), precision
+
+    def normal(self, stream: str) -> Any:
+        """(y, x) array for a named stream such as ``"prnu"``."""
+        window = (round(self.rows.start), round(self.columns.start), self.rows.size, self.columns.size)
+        words = self.words + b"|" + stream.encode()
+
+        def make() -> Any:
+            pattern = sensor_normal(words, *window, np.dtype(self.precision))
+            pattern.flags.writeable = False
+            return pattern
+
+        return TABLES.get(("sensor", words, window, self.precision), make)
+
+
+def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> Any:
+    """``stage.prepare``, once per (parameters, coordinates) and process."""
+    if not hasattr(stage, "prepare"):
+        return None
+    key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
+    return TABLES.get(key, lambda: stage.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")}))
