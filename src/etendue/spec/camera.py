@@ -6,6 +6,7 @@ one value, however many stages use it.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from etendue.spec.stage import MISSING, param
@@ -14,6 +15,16 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "f_number": (2.8, dict(at_least=0.5, at_most=1e6, doc="geometric f-number, focal length over entrance pupil")),
     "focal_length": (6.93, dict(units="mm", above=0, doc="effective focal length")),
     "magnification": (0.0, dict(at_most=0, doc="image over object size, signed: 0 at infinity, negative for a real image")),
+    "pupil_magnification": (1.0, dict(above=0, doc="diameter of the exit pupil over that of the entrance pupil")),
+    "focus_distance": (
+        math.inf,
+        dict(units="mm", above=0, infinite=True, doc="object-side distance from the front principal plane at which the lens is in focus"),
+    ),
+    "object_distance": (
+        math.inf,
+        dict(units="mm", above=0, infinite=True, doc="distance of the object from the front principal plane; inf: that of the focus"),
+    ),
+    "t_number": (0.0, dict(at_least=0, doc="photometric f-number; 0: f-number and transmittance hold")),
     "transmittance": (1.0, dict(above=0, at_most=1, doc="transmittance of the lens")),
     "aperture_model": ("aplanatic", dict(choices=("aplanatic", "flat_disc"), doc="E = pi L T/4N^2, or eq. 5")),
     "pixel_pitch": (5.4, dict(units="um", above=0, doc="distance between pixel centres")),
