@@ -6,6 +6,7 @@ Out: an ``Outcome``: the tree, what was computed, reused and failed, and the row
 
 from __future__ import annotations
 
+import copy
 import os
 import threading
 import time
@@ -346,7 +347,7 @@ def simulate(
     if isinstance(pipeline, Mapping):
         from etendue.spec.pipeline import apply_overrides
 
-        document = {k: dict(v) if isinstance(v, Mapping) else v for k, v in pipeline.items()}
+        document = copy.deepcopy(dict(pipeline))  # what the caller gave stays as it is, also for the next call
         apply_overrides(document, overrides)
         made = from_document(document)
     else:

@@ -251,6 +251,20 @@ class OtherShape(FalseContrast):
 
 
 @dataclass(frozen=True, kw_only=True)
+class WholeOnly(Stage):
+    """Says that it can work band by band, and divides by the brightest band it sees."""
+
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared
+
+    def run(self, irradiance: Any) -> dict[str, Any]:
+        return {"irradiance": irradiance / irradiance.max()}
+
+
+@dataclass(frozen=True, kw_only=True)
 class MadeOfThree(Sound):
     """Sound, with a dim that the kit gives three labels of its own."""
 

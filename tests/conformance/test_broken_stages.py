@@ -40,6 +40,7 @@ BROKEN = [
     (broken.SilentlyNegative, "test_negative_input_meets_the_declared_policy", "negative = 'keep'"),
     (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
     (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "says contrast 2"),
+    (broken.WholeOnly, "test_bands_alone_are_the_bands_of_the_whole", "other values of irradiance than all bands"),
     (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),
 ]
 

@@ -3,52 +3,138 @@
 import numpy as np
 import pytest
 
+from etendue.physics.psf_bank import PsfBank
 from etendue.registry import installed_stages
 from etendue.spec.stage import MISSING, is_source, parameters_of
 from etendue.testing import StageConformance
 
 LIGHT = {"white_luminance": 1000.0, "width": 21.0, "height": 17.0, "bin_width": 20.0}
 NEEDED = {"white_luminance": 1000.0, "peak_qe": (0.36, 0.44, 0.40)}
+CELLS = {"light": "cells"}
+HARD = {"light": "cells", "softness": 0.0}
 WHOLE = {"wavelength_from": 380.0, "wavelength_to": 780.0, "width": 120.0, "height": 80.0}
 
 VARIANTS = {
-    "uniform": [{"reflectance": 0.0}, {"illuminant": "A"}],
-    "slanted_edge": [{"low": 0.0}, {"softness": 0.0, "angle": 0.0}],
-    "siemens_star": [{"low": 0.0, "radius": 8.0}],
-    "zone_plate": [{"low": 0.0, "radius": 8.0}],
-    "step_wedge": [{"low": 0.9, "high": 0.01}, WHOLE],
-    "points": [{"background": 0.0}, {"pitch": 9.0, "spot_sigma": 0.5}],
-    "colorchecker": [WHOLE, {"background": 1.0, **WHOLE}, {"background": 0.026, **WHOLE}],
-    "composite": [WHOLE, {"low": 0.026, "high": 1.0, **WHOLE}],
-    "irradiance": [{"aperture_model": "flat_disc"}, {"f_number": 0.5}, {"f_number": 128.0, "magnification": -1.0}],
-    "falloff": [{"model": "disc"}, {"geometry": "paper"}, {"focal_length": 0.01}, {"focal_length": 1e4}],
-    "diffraction": [{"f_number": 0.5}, {"f_number": 1.4}, {"f_number": 128.0}],
+    "uniform": [{"reflectance": 0.0}, {"illuminant": "A"}, CELLS],
+    "slanted_edge": [{"low": 0.0}, {"softness": 0.0, "angle": 0.0}, CELLS, {"low": 0.0, **HARD}],
+    "siemens_star": [{"low": 0.0, "radius": 8.0}, {"radius": 8.0, **HARD}],
+    "zone_plate": [{"low": 0.0, "radius": 8.0}, {"radius": 8.0, **HARD}],
+    "step_wedge": [{"low": 0.9, "high": 0.01}, WHOLE, {**WHOLE, **HARD}],
+    "points": [{"background": 0.0}, {"pitch": 9.0, "spot_sigma": 0.5}, {"spot_sigma": 1e-3, "background": 0.0, **HARD}],
+    "colorchecker": [WHOLE, {"background": 1.0, **WHOLE}, {"background": 0.026, **WHOLE}, {**WHOLE, **HARD}],
+    "composite": [WHOLE, {"low": 0.026, "high": 1.0, **WHOLE}, {**WHOLE, **HARD}],
+    "irradiance": [
+        {"aperture_model": "flat_disc"},
+        {"f_number": 0.5},
+        {"f_number": 1e6, "magnification": -1.0},
+        {"t_number": 3.2, "focus_distance": 100.0},
+    ],
+    "falloff": [
+        {"model": "disc"},
+        {"geometry": "paper"},
+        {"focal_length": 0.01},
+        {"focal_length": 1e4},
+        {"model": "disc", "pupil_magnification": 3.0},
+    ],
+    "diffraction": [
+        {"f_number": 0.5},
+        {"f_number": 1.4},
+        {"f_number": 128.0},
+        {"obstruction": 0.4},
+        {"obstruction": 0.95, "f_number": 1.4},
+    ],
+    "wavefront": [
+        {"defocus": 0.02},
+        {"f_number": 16.0, "aperture": "polygonal", "blades": 5, "rounding": 0.3},
+        {"aperture": "annular", "obstruction": 0.3, "zernike": (0.0, 0.3, 0.0, 0.02, 0.05, 0.0, 0.04), "f_number": 5.6},
+        {"coma": 0.5, "astigmatism": 0.3, "field_y": 2.0, "field_x": 1.0, "focus_distance": 500.0, "object_distance": 450.0},
+        {"aperture": "polygonal", "rotation": 10.0, "spherical": 0.4, "coma": 0.2, "field_x": 3.0, "pupil_samples": 64},
+    ],
+    "aberrations": [
+        {"accuracy": 0.2, "coma": 0.3, "full_height": 0.2, "heights": 3, "bands": 2, "pupil_samples": 32},
+        {
+            "accuracy": 0.2,
+            "astigmatism": 0.3,
+            "full_height": 0.2,
+            "heights": 3,
+            "bands": 1,
+            "pupil_samples": 32,
+            "method": "tiles",
+            "obstruction": 0.3,
+        },
+    ],
     "lens_gaussian": [{"sigma": 0.0}, {"sigma": 30.0}],
+    "lens_psf_field": [{"weights": "image"}, {"method": "eigen", "centre": "centroid"}, {"method": "tiles", "tolerance": 0.05}],
+    "distortion": [
+        {"k1": -0.02, "reference_radius": 0.01},
+        {"k1": 0.1, "k2": -0.01, "reference_radius": 0.01, "lateral_colour": 0.01, "order": 3},
+        {"lateral_colour": -0.02, "order": 1, "oversampling": 2},
+    ],
     "lens_psf": [{"nodes": 256}],
     "optical_filter": [{"cut_off": float("inf")}, {"cut_off": 550.0, "edge": 0.5}],
+    "vignetting": [{"rim_radius": 1.3, "rim_distance": 500.0}, {"rim_radius": 1.3, "rim_distance": 80.0, "magnification": -0.01}],
+    "angular_response": [
+        {"power": 2.0, "focal_length": 0.02},
+        {"power": 1.5, "exit_pupil_distance": float("inf"), "microlens_shift": -900.0},
+    ],
+    "glare": [
+        {"fraction": 0.03, "veil": 0.02, "radius": 20.0},
+        {"fraction": 1.0, "radius": 0.4},
+        {"fraction": 0.5, "power": 2.1, "radius": 1.0},
+    ],
+    "birefringent": [{"separation_y": 2.0, "separation_x": 2.0}, {"separation_x": 3.7, "rotation": 30.0}],
+    "pixel_etendue": [{"f_number": 0.5}, {"aperture_model": "flat_disc", "magnification": -2.0}],
+    "illuminance": [{"grey": 1.0}],
     "diffusion": [{"back": "reflecting"}, {"diffusion_length": float("inf")}, {"depletion_depth": 0.1, "diffusion_depth": 1000.0}],
-    "pixel": [{"pixel_pitch": 1.1}, {"pixel_pitch": 2.0, "sampling": "paper"}, {"pixel_pitch": 2.0, "aperture_fraction": 0.01}],
-    "mosaic": [{"pattern": "GBRG"}],
+    "crosstalk": [
+        {"crosstalk": "through_filter"},
+        {"crosstalk": "through_filter", "pattern": "X-Trans", "pixel_pitch": 1.1, "peak_qe": (0.4,), "back": "reflecting"},
+        {"crosstalk": "through_filter", "pattern": "WG/BW", "sensitivity_kind": "filter_transmittance", "diffusion_depth": float("inf")},
+    ],
+    "pixel": [
+        {"aperture_offset_y": 0.1, "aperture_offset_x": -0.12, "microlens_gain": 1.5},
+        {"pixel_pitch": 1.1},
+        {"pixel_pitch": 2.0, "sampling": "paper"},
+        {"pixel_pitch": 2.0, "aperture_fraction": 0.01},
+    ],
+    "mosaic": [{"pattern": "GBRG"}, {"pattern": "quad-BGGR"}, {"pattern": "X-Trans"}, {"pattern": "RGB/BRG/GBR"}],
     "exposure": [{"prnu": 0.0, "dark_nonuniformity": 0.0}, {"dark_current_density": 0.0}, {"integration_time": 1e-6}],
+    "exposure_series": [{"repeats": 1, "brackets": (-2.0, 0.0, 3.0)}, {"prnu": 0.0, "dark_nonuniformity": 0.0}],
+    "exposure_metered": [{"metering": "highlight", "ev_bias": -1.0}, {"metering": "centre"}, {"metering": "exposure_value"}],
+    "defects": [{"hot": 0.0, "dead": 0.0}, {"hot": 0.5, "dead": 0.4}],
+    "stuck_pixels": [{"stuck": 0.0}, {"stuck": 0.5, "level": 1.0}],
+    "line_pattern": [{"row_pattern": 3.0, "column_pattern": 2.0, "row_noise": 1.0, "column_noise": 1.0}, {"noise": "common"}],
     "shot_noise": [{"exact_below": float("inf")}, {"noise": "common"}],
     "full_well": [{"full_well_density": 1e7}, {"full_well_density": 1.0}],
-    "read_noise": [{"read_noise": 0.0, "dsnu": 0.0}, {"noise": "common"}],
-    "adc": [{"bits": 1, "black_level": 0}, {"bits": 16, "conversion_gain": 3.0}],
+    "read_noise": [{"read_noise": 0.0, "dsnu": 0.0}, {"noise": "common"}, {"iso": 800.0, "base_iso": 100.0, "read_noise_after": 20.0}],
+    "adc": [{"bits": 1, "black_level": 0}, {"bits": 16, "conversion_gain": 3.0}, {"analogue_gain": 16.0}],
     "linearise": [{"black_level": 0}, {"bits": 8, "black_level": 254}],
     "charge_fraction": [{"reference_time": 100.0}],
     "paper_exposure": [{"integration_time": 1.0}, {"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0}],
     "demosaic_nearest": [{"pattern": "BGGR"}],
     "demosaic_bilinear": [{"pattern": "GRBG"}],
     "demosaic_colour_difference": [{"pattern": "GBRG"}],
+    "demosaic_any": [{"pattern": "X-Trans"}, {"pattern": "quad-RGGB"}, {"pattern": "RGBW"}, {"pattern": "RCCC"}, {"pattern": "mono"}],
     "sharpen": [{"strength": 0.0}, {"strength": 4.0}],
-    "white": [{"conversion_gain": 1.0}, {"sensitivity_kind": "filter_transmittance"}, {"sensitivity_per": "energy"}],
-    "colour_fit": [{"sensitivity_kind": "filter_transmittance"}],
+    "exposure_numbers": [{"temperature": 400.0}, {"analogue_gain": 4.0}],
+    "white": [
+        {"crosstalk": "through_filter", "pattern": "X-Trans"},
+        {"conversion_gain": 1.0},
+        {"sensitivity_kind": "filter_transmittance"},
+        {"sensitivity_per": "energy"},
+    ],
+    "colour_fit": [
+        {"sensitivity_kind": "filter_transmittance"},
+        {"crosstalk": "through_filter", "pixel_pitch": 1.1},
+        {"sensitivity_kind": "filter_transmittance", "pattern": "RGBW", "peak_qe": (0.5,)},
+        {"sensitivity_kind": "filter_transmittance", "pattern": "mono", "peak_qe": (0.5,)},
+    ],
     "balance": [{"gains": "as_printed"}, {"space": "Bradford", "target": "A"}, {"space": "CAT16"}],
     "display": [{"display": "Apple Studio Display"}, {"display": "Typical CRT Brainard 1997", "render_exposure": 100.0}],
     "to_xyz": [{"matrix": "eq16_as_printed"}, {"matrix": "sRGB"}],
     "encode": [{"encoding": "BT.709"}, {"encoding": "power"}, {"encoding": "power", "exponent": 5.0}],
-    "dynamic_range": [{"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0}, {"integration_time": 1e6}],
-    "lens_numbers": [{"f_number": 0.5}, {"magnification": -1.0}],
+    "dynamic_range": [{"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0}, {"integration_time": 1e6}, {"dark_doubling": 6.0}],
+    "lens_numbers": [{"f_number": 0.5}, {"magnification": -1.0}, {"focus_distance": 2000.0, "pupil_magnification": 0.4}],
     "resolution": [{"highest": 0.01}, {"nodes": 16}],
 }
 CASES = [
@@ -67,7 +153,38 @@ def files(folder):
     Image.fromarray(noise).save(picture)
     radius = np.linspace(0.0, 6.0, 61)
     table.write_text("radius_um,psf\n" + "\n".join(f"{r},{v}" for r, v in zip(radius, np.exp(-(radius**2)), strict=True)))
-    return {"photograph": str(picture), "lens_psf": str(table)}
+    return {
+        "photograph": str(picture),
+        "lens_psf": str(table),
+        "lens_psf_field": str(_psf_bank(folder / "bank.npz")),
+        "radiance_cube": str(_cube(folder / "cube.zarr")),
+    }
+
+
+def _psf_bank(path):
+    """Spots that grow and wander outwards with the image height."""
+    heights, wavelengths, step = np.array([0.0, 80.0, 200.0]), np.array([0.5, 0.6]), np.arange(-7, 8)
+    psf = [
+        [np.exp(-0.5 * (((step[:, None] - 0.005 * h) / (1.5 + 0.002 * h)) ** 2 + (step / (1.2 + 0.2 * w)) ** 2)) for w in wavelengths]
+        for h in heights
+    ]
+    PsfBank(heights, wavelengths, np.array(psf), 1.5).save(path)
+    return path
+
+
+def _cube(path):
+    """A Zarr store as a hyperspectral camera's software would write it."""
+    import zarr
+
+    group = zarr.open_group(str(path), mode="w", zarr_format=3)
+    shape = (4, 9, 12)
+    group.create_array("radiance", data=np.random.default_rng(1).uniform(0.1, 1.0, shape).astype("float32"))
+    group["radiance"].attrs["actual_range"] = [0.09, 1.01]
+    group.create_array("wavelength", data=np.array([500.0, 520.0, 540.0, 560.0]))
+    group.create_array("white_radiance", data=np.ones(4))
+    for dim, size in (("y", 9), ("x", 12)):
+        group.create_array(dim, data=2.0 * (np.arange(size) - 0.5 * (size - 1)))
+    return path
 
 
 @pytest.fixture(scope="module")

@@ -454,3 +454,81 @@ def test_area_averaging_looks_the_same_from_both_ends():
 def test_counts_of_samples_must_be_whole_and_positive(n_in, n_out, message):
     with pytest.raises(ValueError, match=message):
         charts.area_weights(n_in, n_out)
+
+
+# ---------------------------------------------------------------------------------------- means over cells
+
+
+def in_parts(paint, y, x, cell, parts=40):
+    """Mean over cells by brute force: the middle of 40 x 40 parts."""
+    within = ((np.arange(parts) + 0.5) / parts - 0.5) * cell
+    fine = paint((y[:, None] + within).ravel(), (x[:, None] + within).ravel())
+    return fine.reshape(y.size, parts, x.size, parts).mean(axis=(1, 3))
+
+
+CELL_Y, CELL_X = (np.arange(21) - 10) * 1.7, (np.arange(24) - 11.5) * 1.7
+
+
+@given(angle=st.floats(-89.0, 89.0), offset=st.floats(-10.0, 10.0), softness=st.sampled_from([0.0, 0.0, 0.05, 0.6, 3.0]))
+@settings(max_examples=60, deadline=None)
+def test_the_mean_of_a_slanted_edge_over_cells_is_the_area_of_its_half_plane(angle, offset, softness):
+    found = charts.slanted_edge(CELL_Y, CELL_X, angle, 0.0, 1.0, softness, offset, 1.7)
+    expected = in_parts(lambda y, x: charts.slanted_edge(y, x, angle, 0.0, 1.0, softness, offset), CELL_Y, CELL_X, 1.7)
+    # a hard edge passes through at most 80 of 1600 parts, each wrong by half a part; a soft one is smooth
+    assert_allclose(found, expected, rtol=0, atol=80 / 1600 / 2 if softness < 0.1 else 2e-4)
+    assert found.min() >= 0 and found.max() <= 1
+
+
+@given(angle=st.floats(-80.0, 80.0), softness=st.floats(0.0, 3.0))
+@settings(max_examples=40, deadline=None)
+def test_cells_side_by_side_hold_what_the_large_cell_holds(angle, softness):
+    """Exact to rounding: 3 x 3 cells of a third of the side, whatever the edge."""
+    y, x = np.arange(-6, 7) * 0.9, np.arange(-7, 8) * 0.9
+    large = charts.slanted_edge(y, x, angle, 0.0, 1.0, softness, 0.2, 0.9)
+    within = np.array([-0.3, 0.0, 0.3])
+    small = charts.slanted_edge((y[:, None] + within).ravel(), (x[:, None] + within).ravel(), angle, 0.0, 1.0, softness, 0.2, 0.3)
+    assert_allclose(small.reshape(y.size, 3, x.size, 3).mean(axis=(1, 3)), large, rtol=0, atol=1e-11)
+
+
+def test_an_edge_along_the_columns_covers_its_share_of_the_cells_it_cuts():
+    found = charts.slanted_edge([0.0, 1.0], [-1.0, 0.0, 1.0], 0.0, 0.2, 1.0, 0.0, 0.1, 1.0)
+    assert_allclose(found, [[0.2, 0.2 + 0.8 * 0.4, 1.0]] * 2, rtol=1e-15)
+
+
+@pytest.mark.parametrize("softness", [0.0, 0.8])
+@pytest.mark.parametrize(
+    "name", ["siemens_star", "zone_plate", "step_wedge", "patches", "points", "squares"],
+)  # fmt: skip
+def test_means_over_cells_are_those_of_many_points(name, softness):
+    cell = 1.7
+    paints = {
+        "siemens_star": lambda y, x, c: charts.siemens_star(y, x, 8, 15.0, 0.1, 0.9, softness, c),
+        "zone_plate": lambda y, x, c: charts.zone_plate(y, x, 0.2, 15.0, 0.1, 0.9, softness, c),
+        "step_wedge": lambda y, x, c: charts.step_wedge(y, x, [0.1, 0.4, 0.9], 28.0, 20.0, softness, c),
+        "patches": lambda y, x, c: composite.patches(y, x, 2, 3, 30.0, 24.0, 3.0, softness, c).sum(axis=0),
+        "points": lambda y, x, c: charts.points(y, x, 12.0, 0.7, 0.1, 0.9, softness, c),
+        "squares": lambda y, x, c: composite._tilted_squares(y, x, 30.0, 7.0, 0.1, 0.9, softness, c),
+    }
+    paint = paints[name]
+    found = paint(CELL_Y, CELL_X, cell)
+    expected = in_parts(lambda y, x: paint(y, x, 0.0), CELL_Y, CELL_X, cell)
+    # hard borders: half a part in 40 across a cell for the brute force, and 0.01 for the quadrature of curved ones
+    assert_allclose(found, expected, rtol=0, atol=0.8 * (0.5 / 40 + 0.01) if softness == 0 else 1e-3)
+    if name != "points":
+        assert found.min() >= 0 and found.max() <= 1
+
+
+@given(sigma=st.floats(1e-6, 2.0), where=st.floats(-0.5, 0.5))
+@settings(max_examples=40, deadline=None)
+def test_the_flux_of_a_spot_is_in_the_cells_however_narrow_it_is(sigma, where):
+    y, x = np.arange(-20, 21) + where, np.arange(-22, 23) - where / 3
+    spot = charts.points(y, x, 1000.0, sigma, 0.0, 1.0, 0.0, 1.0)
+    assert_allclose(spot.sum(), 2 * np.pi * sigma**2, rtol=1e-13)
+    assert spot.min() >= 0
+
+
+def test_cells_that_cannot_be_are_refused():
+    with pytest.raises(ValueError, match="cell"):
+        charts.slanted_edge(Y, X, 5.0, 0.1, 0.9, 0.0, 0.0, -1.0)
+    with pytest.raises(ValueError, match="cell must be at most the spacing"):
+        charts.points(Y, X, 10.0, 0.5, 0.1, 0.9, 0.0, 11.0)

@@ -78,6 +78,32 @@ def test_total_variation_is_what_the_sampler_does():
     assert_allclose(measured, distributions.poisson_total_variation(mean, 10.0), rtol=0, atol=5e-5)
 
 
+@pytest.mark.parametrize("mean", [10.0, 25.1, 30.0, 100.0, 1e4, 1e6])
+def test_the_normal_form_keeps_the_skewness_of_poisson(mean):
+    counts, weight = distributions.normal_form_pmf(mean)
+    centred = counts - weight @ counts
+    variance, third = weight @ centred**2, weight @ centred**3
+    assert_allclose(weight.sum(), 1.0, rtol=1e-14)
+    # the expansion is of third order: what is left falls as 1/mean; a rounded normal has 0 here
+    assert_allclose(third / variance**1.5 * math.sqrt(mean), 1.0, rtol=0.2 / mean + 1e-5)
+    with pytest.raises(ValueError, match="allowed"):
+        distributions.normal_form_pmf(9.0)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_uniforms_of_a_sensor_are_uniform_and_a_window_is_the_crop(dtype):
+    whole = noise.sensor_uniform(b"sensor", -10, 5, 200, 150, dtype)
+    assert whole.dtype == dtype
+    assert whole.min() >= 0
+    assert whole.max() < 1
+    # 5 standard errors of a mean and of a variance of 30 000 uniforms
+    assert abs(whole.mean() - 0.5) < 5 / math.sqrt(12 * whole.size)
+    assert abs(whole.var() - 1 / 12) < 5 / math.sqrt(180 * whole.size)
+    assert_array_equal(noise.sensor_uniform(b"sensor", 60, 40, 30, 77, dtype), whole[70:100, 35:112])
+    single, double = (noise.sensor_uniform(b"sensor", 0, 0, 64, 64, k).astype(float) for k in (np.float32, np.float64))
+    assert np.all((single <= double) & (double - single < 2**-24))
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("mean", [0.0, 1e-3, 1.0, 29.0, 31.0, 1e3])
 def test_counts_follow_the_poisson_law(mean, dtype):

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis.strategies import floats, sampled_from
 from numpy.testing import assert_allclose
 
+from etendue.physics import silicon
 from etendue.physics.diffraction import circular_otf
-from etendue.physics.photodiode import aperture_otf, collection, collection_mtf
+from etendue.physics.photodiode import aperture_otf, collection, collection_mtf, collection_mtf_bands, collection_per_absorption
 from tests.physics.reference import cases
 
 DIODE = ("alpha_per_um", "Ld_um", "L_um", "Ln_um")
@@ -26,6 +27,72 @@ depths = decades(-2.0, 3.0)
 lengths = decades(-1.0, 5.0)
 frequencies = decades(-5.0, 3.0)
 backs = sampled_from(BACKS)
+
+
+LEGENDRE = [np.array(values, np.longdouble) for values in np.polynomial.legendre.leggauss(40)]
+
+
+def by_quadrature(frequency, alpha, depletion, depth, length, back):
+    """D(f) by the integral over depth of light absorbed times the chance to come up, in the widest floats there are."""
+    alpha, depletion, depth = (np.longdouble(v) for v in (alpha, depletion, depth))
+    x = depth * np.hypot(np.longdouble(1.0) / length, 2 * np.pi * np.longdouble(frequency))
+    a = alpha * depth
+    edges = min(np.longdouble(1), 60 / (a + x)) * np.array([0, 0.02, 0.06, 0.12, 0.25, 0.5, 0.75, 1], np.longdouble)
+    half = np.diff(edges)[:, None] / 2
+    y = edges[:-1, None] + half * (1 + LEGENDRE[0])
+    if back == "absorbing":  # sinh(x(1 - y))/sinh(x) without overflow
+        chance = np.exp(-x * y) * np.expm1(-2 * x * (1 - y)) / np.expm1(-2 * x)
+    else:
+        chance = np.exp(-x * y) * (1 + np.exp(-2 * x * (1 - y))) / (1 + np.exp(-2 * x))
+    below = a * np.sum(half * LEGENDRE[1] * np.exp(-a * y) * chance)
+    return -np.expm1(-alpha * depletion) + np.exp(-alpha * depletion) * below
+
+
+@given(alpha=absorptions, depletion=depletions, depth=depths, length=lengths, f=frequencies, back=backs)
+def test_contrast_is_that_of_the_integral_over_depth_in_every_corner_of_the_box(alpha, depletion, depth, length, f, back):
+    exact = float(by_quadrature(f, alpha, depletion, depth, length, back) / by_quadrature(0.0, alpha, depletion, depth, length, back))
+    assert_allclose(collection_mtf(f, alpha, depletion, depth, length, back), exact, rtol=2e-14)
+    single = np.float32(f)
+    exact = float(by_quadrature(single, alpha, depletion, depth, length, back) / by_quadrature(0.0, alpha, depletion, depth, length, back))
+    found = collection_mtf(single, alpha, depletion, depth, length, back)
+    assert found.dtype == np.float32
+    assert_allclose(found, exact, rtol=1e-6)
+
+
+FRAME = np.hypot(np.linspace(0.0, 7.0, 130)[:, None], np.linspace(0.0, 7.0, 140)[None, :])
+
+
+@given(alpha=absorptions, depletion=depletions, depth=depths, length=lengths, back=backs, scale=decades(-2.0, 0.15))
+def test_the_table_of_radii_errs_by_less_than_1e_12(alpha, depletion, depth, length, back, scale):
+    alphas = alpha * np.array([1.0, 0.1, 3e-3])
+    found = collection_mtf_bands(scale * FRAME, alphas, depletion, depth, length, back)
+    exact = collection_mtf_bands(scale * FRAME, alphas, depletion, depth, length, back, nodes=0)
+    assert_allclose(found, exact, rtol=0, atol=1e-12)
+    assert np.all(found[:, 0, 0] == 1.0)
+    assert found.min() >= 0.0 and found.max() <= 1.0
+    assert np.diff(found[:, :, 0], axis=1).max() <= 2e-12  # falls, to within the error of two values
+
+
+def test_the_table_errs_by_the_fourth_power_of_its_step_and_by_rounding_for_silicon():
+    alphas = silicon.absorption(np.linspace(0.38, 0.78, 9))
+    exact = collection_mtf_bands(FRAME, alphas, 1.8, 10.0, 50.0, nodes=0)
+    errors = [np.abs(collection_mtf_bands(FRAME, alphas, 1.8, 10.0, 50.0, nodes=n) - exact).max() for n in (512, 1024, 2048, 4096)]
+    assert errors[0] > 12 * errors[1] > 144 * errors[2]  # 16 a halving, in the limit
+    assert errors[3] < 4e-14
+
+
+def test_the_table_has_the_limits_of_endless_silicon_and_of_no_absorption():
+    alphas = np.array([0.0, 1e-12, 0.6])
+    for depth, length in ((10.0, np.inf), (np.inf, 50.0), (0.0, 50.0), (10.0, 50.0), (1e-2, 1e5)):
+        exact = collection_mtf_bands(FRAME, alphas, 1.8, depth, length, nodes=0)
+        assert_allclose(collection_mtf_bands(FRAME, alphas, 1.8, depth, length), exact, rtol=0, atol=1e-12)
+    assert np.array_equal(collection_mtf_bands(FRAME, alphas, np.inf, 10.0, 50.0), np.ones((3, *FRAME.shape)))
+
+
+@given(alpha=absorptions, depletion=depletions, depth=depths, length=lengths, f=frequencies, back=backs)
+def test_charge_per_absorption_times_absorption_is_the_charge(alpha, depletion, depth, length, f, back):
+    found = alpha * collection_per_absorption(f, alpha, depletion, depth, length, back)
+    assert_allclose(found, collection(f, alpha, depletion, depth, length, back), rtol=1e-14)
 
 
 def test_window_matches_the_reference():

@@ -7,18 +7,21 @@ from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
 from etendue.constants import PLANCK, SPEED_OF_LIGHT
+from etendue.physics.planck import planck_photon_radiance, planck_ratio
 from etendue.physics.radiometry import (
     aplanatic_factor,
     cos4,
     disc_factor,
     disc_falloff,
+    etendue,
+    exit_pupil_distance,
     field_from_focal_length,
     flat_disc_factor,
     focal_length_from_field,
     photons_from_energy,
-    planck_photon_radiance,
-    planck_ratio,
     plate_scale,
+    t_number_factor,
+    t_number_of,
     working_f_number,
 )
 from tests.physics.reference import cases
@@ -201,3 +204,56 @@ def test_field_kernels_keep_precision_shape_and_inputs(kernel):
     assert result.shape == tangents.shape
     assert np.array_equal(tangents, before)
     assert_allclose(result, kernel(tangents.astype(float)), rtol=1e-6)  # float32 rounding
+
+
+@given(f_number=floats(0.6, 64.0), transmittance=floats(0.01, 1.0), magnification=floats(-5.0, 0.0), pupil=floats(0.2, 5.0))
+def test_a_t_number_is_the_f_number_of_a_lossless_lens_that_gives_as_much_light(f_number, transmittance, magnification, pupil):
+    t_number = t_number_of(f_number, transmittance)
+    assert t_number >= f_number
+    lossy = aplanatic_factor(f_number, magnification, pupil) * transmittance
+    assert_allclose(t_number_factor(t_number, magnification, pupil), lossy, rtol=1e-14)  # a few roundings
+
+
+@given(f_number=f_numbers, angle=floats(0.0, 80.0), magnification=floats(-3.0, 0.0), pupil=floats(0.2, 5.0))
+def test_the_fall_off_stays_between_zero_and_one_for_any_lens(f_number, angle, magnification, pupil):
+    falloff = disc_falloff(f_number, tangent(angle), magnification, pupil)
+    assert 0.0 < falloff <= 1.0
+    single = disc_falloff(f_number, np.float32(tangent(angle)), magnification, pupil)
+    # the tangent is rounded to float32: at 80 degrees four times as much of the result
+    assert_allclose(single, falloff, rtol=1e-6)
+
+
+@given(f_number=floats(0.5, 1e6), angle=floats(0.0, 80.0))
+def test_the_disc_tends_to_cos4_with_the_square_of_the_f_number(f_number, angle):
+    t = tangent(angle)
+    half_cone2 = 0.25 / f_number**2
+    # the next term is of the order of the half cone squared, times at most 2 in the limit
+    assert abs(disc_falloff(f_number, t) / cos4(t) - 1.0) <= 3.0 * half_cone2 + 1e-14
+
+
+@given(focal=floats(1.0, 500.0), number=floats(0.7, 32.0), magnification=floats(-4.0, 0.0), pupil=floats(0.2, 5.0))
+def test_the_cone_at_the_image_is_that_of_the_exit_pupil(focal, number, magnification, pupil):
+    distance, diameter = exit_pupil_distance(focal, magnification, pupil), pupil * focal / number
+    assert_allclose(distance / diameter, working_f_number(number, magnification, pupil), rtol=1e-14)
+
+
+@given(focal=floats(1.0, 500.0), number=floats(0.7, 32.0), magnification=floats(-4.0, -1e-3), pupil=floats(0.2, 5.0))
+def test_a_lens_keeps_the_etendue_between_object_and_image(focal, number, magnification, pupil):
+    area = 7.3
+    at_image = etendue(area, aplanatic_factor(max(number, 1.0), magnification, pupil))
+    # on the object's side: the entrance pupil f/N stands f (1/m_p - 1/m) from the object, whose patch is area/m^2; the sine
+    # condition makes |m| sin theta' of the marginal ray, which is half the pupil over its distance
+    sine = 0.5 * focal / max(number, 1.0) / (focal * (1.0 / pupil - 1.0 / magnification))
+    assert_allclose(area / magnification**2 * np.pi * sine**2, at_image, rtol=1e-13)
+
+
+def test_what_no_lens_has_is_refused():
+    for bad in (0.0, 1.1, np.nan):
+        with pytest.raises(ValueError, match="transmittance is"):
+            t_number_of(2.8, bad)
+    with pytest.raises(ValueError, match="focal_length_mm is"):
+        exit_pupil_distance(0.0)
+    with pytest.raises(ValueError, match="magnification is 1"):
+        exit_pupil_distance(50.0, 1.0)
+    with pytest.raises(ValueError, match=r"at least 0\.5"):
+        t_number_factor(0.3)

@@ -96,6 +96,11 @@ class CellFiles:
                     return np.array(parts[0])
         return np.stack(parts)
 
+    def read_band(self, variable: str, band: int) -> Any:
+        """One band of a variable that is stored by band."""
+        chunk = next(c for c in self.chunks if c.variable == variable and c.band == band)
+        return decode((Path(self.root) / chunk.path).read_bytes(), chunk.dtype, chunk.shape)
+
 
 def _write(path: Path, data: bytes, durable: bool) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.partial")

@@ -138,6 +138,9 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         grid = cells[0].grids[name]
         dims = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
         attrs = {"units": declaration.unit, "long_name": LONG_NAMES.get(name, name.replace("_", " "))}
+        averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
+        if averaged:  # in the words of the CF conventions
+            attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
         dtype = plan.precision if declaration.dtype == "float" else declaration.dtype
         group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs)
         for dim in dims:
@@ -205,5 +208,9 @@ def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:
 
 def cell_name(plan: Plan, ref: CellRef) -> str:
     """A cell by stage and axis values: the same name whatever else is swept."""
-    labels = plan.labels(ref)
-    return " ".join([ref[0], *(f"{dim}={value!r}" if isinstance(value, str) else f"{dim}={value}" for dim, value in labels.items())])
+    return cell_label(ref[0], plan.labels(ref))
+
+
+def cell_label(stage: str, labels: Mapping[str, Any]) -> str:
+    """The name of a cell in the journal."""
+    return " ".join([stage, *(f"{dim}={value!r}" if isinstance(value, str) else f"{dim}={value}" for dim, value in labels.items())])

@@ -20,8 +20,9 @@ from typing import Any
 
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Plan
-from etendue.spec.stage import parameters_of
+from etendue.spec.stage import file_state, parameters_of
 
+LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
@@ -92,6 +93,7 @@ def write_record(folder: Path, plan: Plan, options: Mapping[str, Any]) -> Path:
         "pipeline": plan.pipeline.name,
         "text": plan.pipeline.text,
         "overrides": {key: str(_plain(value)) for key, value in plan.pipeline.overrides},
+        "sensor": plan.pipeline.sensor,
         "camera": {k: _plain(v) for k, v in plan.camera.items()},
         "axes": {a.key: _plain(a.values) for a in plan.axes},
         "nodes": node_records(plan),
@@ -109,7 +111,7 @@ def write_record(folder: Path, plan: Plan, options: Mapping[str, Any]) -> Path:
 
 
 def copy_inputs(folder: Path, plan: Plan) -> None:
-    """Every file parameter into ``inputs/``, named by its SHA-256."""
+    """Every file parameter into ``inputs/``, named by its SHA-256; of folders and very large files, what they are."""
     inputs = folder / "inputs"
     for cell in {id(c.stage): c for c in plan.cells.values()}.values():
         for name, (parameter, _, _) in parameters_of(type(cell.stage)).items():
@@ -117,10 +119,16 @@ def copy_inputs(folder: Path, plan: Plan) -> None:
             if isinstance(value, str) and value and (parameter.file or (parameter.table and value.endswith(".csv"))):
                 inputs.mkdir(exist_ok=True)
                 copy = inputs / f"{file_digest(value)}{Path(value).suffix}"
-                if not copy.exists():
-                    temporary = copy.with_suffix(".partial")
+                if copy.exists():
+                    continue
+                temporary = copy.with_suffix(".partial")
+                if Path(value).is_dir() or Path(value).stat().st_size > LARGEST_COPY:
+                    copy = copy.with_name(f"{copy.name}.json")
+                    known = {"name": Path(value).name, "sha256": file_digest(value), "bytes": file_state(value)[1], "copied": False}
+                    temporary.write_text(json.dumps(known))
+                else:
                     shutil.copyfile(value, temporary)
-                    os.replace(temporary, copy)
+                os.replace(temporary, copy)
 
 
 def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:

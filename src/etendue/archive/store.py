@@ -30,12 +30,12 @@ from etendue.archive.chunks import CODEC, LEVEL, CellFiles, ChunkFile
 from etendue.archive.journal import Entry, Journal, fit, is_done
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
+from etendue.plan.cost import LARGEST_WHOLE
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.ports import CellReport
 
 DATA = "data.zarr"
 FILL: dict[str, Any] = {"float32": float("nan"), "float64": float("nan"), "uint8": 0, "uint16": 0, "uint32": 0}
-LARGEST_CHUNK = 128 << 20
 TABLES = ("ledger", "summary", "frames")
 
 
@@ -355,7 +355,7 @@ def _folders(path: Path) -> list[str]:
 def by_band(variable: VariableLayout) -> bool:
     """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
     size = int(np.prod(variable.shape)) * np.dtype(variable.dtype).itemsize
-    return len(variable.dims) > 1 and variable.dims[0] == "wavelength" and size > LARGEST_CHUNK
+    return variable.dims == ("wavelength", "y", "x") and size > LARGEST_WHOLE
 
 
 def _chunks(path: str, group: GroupLayout, place: tuple[int, ...]) -> tuple[ChunkFile, ...]:

@@ -7,7 +7,8 @@ Sources: X-Rite ColorChecker Classic (4 x 6 patches), ISO 12233 (tilted square);
 form.
 
 Coverages and grey add up to at most 1 everywhere, so spectra within [0, 1] give a scene within [0, 1].
-``softness`` is the rms width of the Gaussian that softens the ideal chart, as in ``charts``.
+``softness`` is the rms width of the Gaussian that softens the ideal chart and ``cell`` the side of the grid cells over which
+values are means, as in ``charts``.
 """
 
 from collections.abc import Callable
@@ -16,9 +17,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from etendue.physics.cell_means import closely, half_plane_mean
 from etendue.physics.charts import (
     blend,
     require_axes,
+    require_cell,
     require_levels,
     require_positive,
     require_softness,
@@ -70,6 +73,7 @@ def patches_factors(
     height: float,
     gap: float,
     softness: float,
+    cell: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Coverage of a grid of rectangular patches, as factors along y and x.
 
@@ -81,7 +85,7 @@ def patches_factors(
         Of the whole grid, from the first patch's outer border to the last's.
     gap : float, um
         Between neighbours, in both directions; the gaps leave room for patches.
-    softness : float, um
+    softness, cell : float, um
 
     Returns
     -------
@@ -100,13 +104,16 @@ def patches_factors(
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
     require_softness(softness)
+    require_cell(cell)
     return (
-        _profile(y, "rows", rows, "height", height, gap, softness),
-        _profile(x, "columns", columns, "width", width, gap, softness),
+        _profile(y, "rows", rows, "height", height, gap, softness, cell),
+        _profile(x, "columns", columns, "width", width, gap, softness, cell),
     )
 
 
-def _profile(position: FloatArray, what: str, count: int, along: str, length: float, gap: float, softness: float) -> FloatArray:
+def _profile(
+    position: FloatArray, what: str, count: int, along: str, length: float, gap: float, softness: float, cell: float
+) -> FloatArray:
     if count != int(count) or count < 1:
         raise ValueError(f"{what} must be a whole number above 0, got {count}")
     count = int(count)
@@ -115,7 +122,7 @@ def _profile(position: FloatArray, what: str, count: int, along: str, length: fl
         room = f"leave room for {count} {what} in {along}={length} um"
         raise ValueError(f"gap must be at least 0 and {room}, got {gap}")
     starts = [-0.5 * length + index * (size + gap) for index in range(count)]
-    return np.stack([soft_box(position, start, start + size, softness) for start in starts])
+    return np.stack([soft_box(position, start, start + size, softness, cell) for start in starts])
 
 
 def patches(
@@ -127,6 +134,7 @@ def patches(
     height: float,
     gap: float,
     softness: float,
+    cell: float = 0.0,
 ) -> FloatArray:
     """Coverage of a grid of rectangular patches, one plane for each.
 
@@ -138,7 +146,7 @@ def patches(
         Row by row from the smallest y and x. The sum over patches is at most 1; ``background_weight`` is the
         rest.
     """
-    rows_profile, columns_profile = patches_factors(y, x, rows, columns, width, height, gap, softness)
+    rows_profile, columns_profile = patches_factors(y, x, rows, columns, width, height, gap, softness, cell)
     planes = rows_profile[:, None, :, None] * columns_profile[None, :, None, :]
     return planes.reshape(-1, *planes.shape[2:])
 
@@ -232,6 +240,7 @@ def composite(
     angle_deg: float = 5.0,
     cycles: int = 36,
     steps: int = 8,
+    cell: float = 0.0,
 ) -> Composite:
     """Colour patches, slanted edges, star, zone plate and grey steps in one frame.
 
@@ -250,6 +259,7 @@ def composite(
         Of the star.
     steps : int, above 1
         Of the wedge, evenly spaced from low to high.
+    cell : float, um
 
     Returns
     -------
@@ -265,11 +275,13 @@ def composite(
     All panels stand on one grey, the mean of each, so there are no seams between regions; what borders there
     are have the profile of ``softness``. Squares, wedge and patches are exact convolutions, corners included,
     as long as panels lie many ``softness`` apart (they keep a tenth of a panel between them); star and zone
-    plate are local approximations, see ``charts``.
+    plate are local approximations, see ``charts``. Means over cells are exact but in the corners of the tilted squares
+    (hard: below 0.01 in eight cells) and within the star and the zone plate, which are quadratures.
     """
     y, x = require_axes(y, x)
     require_levels(low, high)
     require_softness(softness)
+    require_cell(cell)
     if high > 1:
         raise ValueError(f"high must be at most 1, got {high}")
     if not -10 <= angle_deg <= 10:
@@ -282,13 +294,13 @@ def composite(
     radius, wedge = 0.5 * FILL * panel, regions["wedge"]
     levels = np.linspace(low, high, int(steps))
     painters: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
-        "squares": lambda v, u: _tilted_squares(v, u, panel, angle_deg, low, high, softness),
-        "star": lambda v, u: siemens_star(v, u, cycles, radius, low, high, softness),
-        "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, low, high, softness),
-        "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, softness),
+        "squares": lambda v, u: _tilted_squares(v, u, panel, angle_deg, low, high, softness, cell),
+        "star": lambda v, u: siemens_star(v, u, cycles, radius, low, high, softness, cell),
+        "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, low, high, softness, cell),
+        "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, softness, cell),
     }
     # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels is free.
-    reach = TAIL * float(softness) + 0.05 * panel
+    reach = TAIL * float(softness) + 0.05 * panel + float(cell)
     background = 0.5 * (float(low) + float(high))  # also of each panel: beyond its borders it adds nothing
     grey = np.full((y.size, x.size), background, dtype=x.dtype)
     for name, paint in painters.items():
@@ -297,7 +309,7 @@ def composite(
         if inside_y.size and inside_x.size:
             y_centre, x_centre = _centre(regions[name])
             grey[np.ix_(inside_y, inside_x)] += paint(y[inside_y] - y_centre, x[inside_x] - x_centre) - background
-    rows, columns = _patch_profiles(y, x, regions["patches"], softness)
+    rows, columns = _patch_profiles(y, x, regions["patches"], softness, cell)
     return Composite(np.clip(grey, float(low), float(high)) * background_weight(rows, columns), rows, columns)
 
 
@@ -309,22 +321,42 @@ def _centre(region: Region) -> tuple[float, float]:
     return 0.5 * (region.top + region.bottom), 0.5 * (region.left + region.right)
 
 
-def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, low: float, high: float, softness: float) -> FloatArray:
+def _tilted_squares(
+    y: FloatArray, x: FloatArray, panel: float, angle_deg: float, low: float, high: float, softness: float, cell: float = 0.0
+) -> FloatArray:
     """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
     angle = np.deg2rad(float(angle_deg))
-    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
-    across, along = x * cosine - y[:, None] * sine, y[:, None] * cosine + x * sine
-    outer, inner = (_square(across, along, side * panel, softness) for side in (OUTER_SQUARE, INNER_SQUARE))
+    outer, inner = (_square(y, x, angle, side * panel, softness, cell) for side in (OUTER_SQUARE, INNER_SQUARE))
     return blend(low, high, 0.5 + 0.5 * outer - inner)
 
 
-def _square(across: FloatArray, along: FloatArray, side: float, softness: float) -> FloatArray:
+def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: float, cell: float) -> FloatArray:
     half = 0.5 * side
-    return soft_box(across, -half, half, softness) * soft_box(along, -half, half, softness)
+    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+
+    def at(v: FloatArray, u: FloatArray) -> FloatArray:
+        across, along = u * cosine - v * sine, v * cosine + u * sine
+        return soft_box(across, -half, half, softness) * soft_box(along, -half, half, softness)
+
+    v, u = y[:, None], x[None, :]
+    if cell == 0:
+        return at(v, u)
+
+    def strip(position: FloatArray) -> FloatArray:
+        covered = half_plane_mean(position + half, angle, softness, cell) - half_plane_mean(position - half, angle, softness, cell)
+        return np.clip(covered, 0, 1)
+
+    across, along = strip(u * cosine - v * sine), strip(v * cosine + u * sine)
+    covered = across * along
+    # a mean of a product: the product of the means, but where borders of both strips meet in a cell
+    rows, columns = np.nonzero((across > 0) & (across < 1) & (along > 0) & (along < 1))
+    if rows.size:
+        covered[rows, columns] = closely(at, y[rows], x[columns], cell)
+    return covered
 
 
-def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, softness: float) -> tuple[FloatArray, FloatArray]:
+def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, softness: float, cell: float) -> tuple[FloatArray, FloatArray]:
     width, height = region.right - region.left, region.bottom - region.top
     gap = GAP * min(width / PATCH_COLUMNS, height / PATCH_ROWS)
     y_centre, x_centre = _centre(region)
-    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, softness)
+    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, softness, cell)

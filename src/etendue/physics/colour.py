@@ -147,16 +147,17 @@ def fit_matrix(
 
     Parameters
     ----------
-    samples : (n, 3) array
-        Camera values of n patches, at least three independent ones (two, if a white is given).
+    samples : (n, k) array
+        Camera values of n patches in k channels, usually three; at least k independent ones (k - 1, if a white is given).
     targets : (n, 3) array
         What they should become, for example XYZ.
-    white_sample, white_target : (3,) array, both or neither
-        If given, the white sample becomes exactly the white target, and the fit has the other six freedoms.
+    white_sample : (k,) array
+    white_target : (3,) array
+        Both or neither. If given, the white sample becomes exactly the white target, and the fit has the other freedoms.
 
     Returns
     -------
-    matrix : (3, 3) array
+    matrix : (3, k) array
         target = matrix @ sample.
     residual : float, unit of targets
         Root of the mean squared error over n patches and three components.
@@ -175,17 +176,18 @@ def fit_matrix(
     heavy weight would cost half the digits.
     """
     samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
-    if samples.ndim != 2 or samples.shape != targets.shape or samples.shape[1] != 3:
-        raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, 3) for both")
+    if samples.ndim != 2 or targets.ndim != 2 or len(samples) != len(targets) or samples.shape[1] < 1 or targets.shape[1] != 3:
+        raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)")
     if (white_sample is None) != (white_target is None):
         raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
     if not (np.isfinite(samples).all() and np.isfinite(targets).all()):
         raise ValueError("samples or targets hold NaN or infinity; allowed are finite numbers")
-    fixed, free = np.zeros((3, 3)), np.eye(3)
+    channels = samples.shape[1]
+    fixed, free = np.zeros((channels, 3)), np.eye(channels)
     if white_sample is not None:
         white, wanted = np.asarray(white_sample, np.float64), np.asarray(white_target, np.float64)
-        triples = white.shape == wanted.shape == (3,) and np.isfinite([white, wanted]).all()
-        if not (triples and white.any()):
+        fit_in = white.shape == (channels,) and wanted.shape == (3,) and np.isfinite(white).all() and np.isfinite(wanted).all()
+        if not (fit_in and white.any()):
             raise ValueError(f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black")
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T

@@ -101,7 +101,35 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
         raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
     if mean < exact_below:
         return 0.0
-    mean = min(float(mean), 1e5)
+    counts, drawn = normal_form_pmf(min(float(mean), 1e5))
+    return 0.5 * float(np.abs(drawn - poisson_pmf(counts, min(float(mean), 1e5))).sum())
+
+
+def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
+    """The law of `noise.cornish_fisher` of a standard normal: counts and their probabilities.
+
+    Parameters
+    ----------
+    mean : float, electrons
+        10 to 1e6.
+
+    Returns
+    -------
+    counts : (n,) array, electrons
+        Whole numbers within 12 sigma of the mean.
+    probability : (n,) array, dimensionless
+
+    Raises
+    ------
+    ValueError
+        If the mean is outside the range named above.
+
+    Notes
+    -----
+    The normal CDF at the roots of the cubic. Error: 1e-15 absolute.
+    """
+    if not SMALLEST_NORMAL_MEAN <= mean <= 1e6:
+        raise ValueError(f"mean is {mean!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 1e6")
     width = 12 * math.sqrt(mean) + 30
     counts = np.arange(max(math.floor(mean - width), 0), math.ceil(mean + width))
     upper = _cubic_root(mean, counts[1:].astype(np.float64))
@@ -109,8 +137,7 @@ def poisson_total_variation(mean: float, exact_below: float = 30.0) -> float:
     low, high = special.ndtr(upper), special.ndtr(-upper)
     below = np.concatenate([[0.0], low, [1.0]])
     above = np.concatenate([[1.0], high, [0.0]])
-    drawn = np.where(below[1:] < 0.5, np.diff(below), -np.diff(above))
-    return 0.5 * float(np.abs(drawn - poisson_pmf(counts, mean)).sum())
+    return counts, np.where(below[1:] < 0.5, np.diff(below), -np.diff(above))
 
 
 def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, NDArray]:

@@ -137,7 +137,99 @@ def collection_mtf(
     return np.where(np.asarray(frequency) == 0.0, np.ones_like(ratio), ratio)[()]
 
 
-def _diode(absorption: float, depletion: float, depth: float, length: float, back: str) -> tuple[float, float, float, float, str]:
+def collection_per_absorption(
+    frequency: Floats, absorption: float, depletion: float, diffusion_depth: float, diffusion_length: float, back: Back = "absorbing"
+) -> Floats:
+    """D(f)/alpha, um, which has a limit at alpha = 0; inf where silicon without end or recombination is hardly absorbing.
+
+    Parameters, errors and accuracy as in `collection`.
+    """
+    return _collection_per_absorption(frequency, *_diode(absorption, depletion, diffusion_depth, diffusion_length, back))
+
+
+def collection_mtf_bands(
+    frequency: Floats,
+    absorption: FloatArray,
+    depletion: float,
+    diffusion_depth: float,
+    diffusion_length: float,
+    back: Back = "absorbing",
+    nodes: int = 4096,
+) -> FloatArray:
+    """`collection_mtf` of many absorptions on a whole frame of frequencies, from one table of radii.
+
+    Parameters
+    ----------
+    frequency : (...) array, cycles/um
+        Radial; finite, 0 or above.
+    absorption : (n,) array, 1/um
+    depletion, diffusion_depth, diffusion_length, back
+        As in `collection`, with its errors.
+    nodes : int
+        Of the table; 0 evaluates every frequency. Tables larger than the frame are not made.
+
+    Returns
+    -------
+    (n, ...) array, 1
+        In [0, 1], exactly 1 at zero.
+
+    Notes
+    -----
+    Cubic Hermite polynomials on even nodes of v = ln(1 + s/s0), s = 1/L_f = hypot(1/Ln, 2 pi f), s0 the smallest of the
+    rates 1/L (or alpha, for endless silicon) on which D depends: D is analytic in v within a strip of half-width 1.2
+    about the axis, whatever the lengths are. Error: falls with the fourth power of the nodes; with 4096 below 4e-14
+    for silicon from 0.38 to 0.78 um, below 1e-12 over the box of `collection` up to 10 cycles/um. The nodes hold the
+    exact values, so that the result falls with the frequency to within that error.
+    """
+    frequency = np.asarray(frequency, dtype=float)
+    alphas = np.ravel(np.asarray(absorption, dtype=float))
+    diodes = [_diode(float(a), depletion, diffusion_depth, diffusion_length, back) for a in alphas]
+    endless = any(d[1] == np.inf or (d[0] == 0.0 and d[2] == d[3] == np.inf) for d in diodes)
+    highest = float(frequency.max(initial=0.0))
+    nodes = max(nodes, 16) if nodes > 0 else 0
+    if nodes == 0 or frequency.size <= 2 * nodes or endless or highest == 0.0:
+        return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
+    lowest = 1.0 / diffusion_length
+    slowest = 1.0 / diffusion_depth if 0.0 < diffusion_depth < np.inf else float(np.min(alphas[alphas > 0.0], initial=np.inf))
+    slowest = min(slowest, max(2.0 * np.pi * highest, lowest)) if slowest < np.inf else lowest
+    first, last = np.log1p(np.array([lowest, np.hypot(lowest, 2.0 * np.pi * highest)]) / slowest)
+    step = (last - first) / (nodes - 1)
+    if not step > 0.0:
+        return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
+    rate = slowest * np.expm1(first + step * np.arange(nodes))
+    radii = np.sqrt(np.maximum((rate - lowest) * (rate + lowest), 0.0)) / (2.0 * np.pi)
+    table = np.stack([collection_mtf(radii, *diode) for diode in diodes])
+    where = (np.log1p(np.hypot(lowest, (2.0 * np.pi) * frequency) / slowest) - first) / step
+    place = np.clip(where.astype(np.intp), 0, nodes - 2)
+    t = where - place
+    result = np.empty((len(diodes), *frequency.shape))
+    slopes = _slopes(table)
+    for out, values, slope in zip(result, table, slopes, strict=True):
+        # the cubic of each interval as coefficients, gathered once
+        rise = np.diff(values)
+        square = 3.0 * rise - 2.0 * slope[:-1] - slope[1:]
+        cube = slope[:-1] + slope[1:] - 2.0 * rise
+        np.take(cube, place, out=out)
+        for coefficients in (square, slope, values):
+            out *= t
+            out += np.take(coefficients, place)
+    np.clip(result, 0.0, 1.0, out=result)
+    result[:, frequency == 0.0] = 1.0
+    return result
+
+
+def _slopes(values: FloatArray) -> FloatArray:
+    """Derivatives by the node number along the last axis, of fourth order, also at the ends."""
+    slopes = np.empty_like(values)
+    v = values
+    slopes[:, 2:-2] = (8.0 * (v[:, 3:-1] - v[:, 1:-3]) - (v[:, 4:] - v[:, :-4])) / 12.0
+    ends = np.array([[-25.0, 48.0, -36.0, 16.0, -3.0], [-3.0, -10.0, 18.0, -6.0, 1.0]]) / 12.0
+    slopes[:, :2] = v[:, :5] @ ends.T
+    slopes[:, -1:-3:-1] = -(v[:, -1:-6:-1] @ ends.T)
+    return slopes
+
+
+def _diode(absorption: float, depletion: float, depth: float, length: float, back: Back) -> tuple[float, float, float, float, Back]:
     """The checked parameters as plain floats, which leave the precision to the frequencies."""
     if not 0.0 <= absorption < np.inf:
         raise ValueError(f"absorption is {absorption}; it must be finite and 0 or above, in 1/um")

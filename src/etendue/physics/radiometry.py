@@ -1,9 +1,9 @@
 """How much light reaches the image plane, and how many photons that is.
 
-In:  f-number, magnification, tangent of the field angle; wavelengths (um), temperatures (K), energies (J).
-Out: irradiance per radiance E/L (sr), fall-off (1), photon numbers, Planck curves, plate scale and field.
+In:  f-number, magnification, tangent of the field angle; wavelengths (um), energies (J).
+Out: irradiance per radiance E/L (sr), fall-off (1), photon numbers, plate scale and field.
 Sources: seed paper eqs. 5, 9 and 10; Foote's disc formula (Bulletin of the Bureau of Standards 12, 1915);
-Planck's law with the constants of the SI of 2019.
+ISO 517 for the T-number.
 
 The sign convention is the optical one: a real, inverted image has magnification m < 0, an object at infinity
 has m = 0. The seed paper's own M = +1 would make eq. 5 independent of the f-number, so m > 0 is refused.
@@ -14,16 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.constants import ARCSECONDS_PER_RADIAN, BOLTZMANN, PLANCK, SPEED_OF_LIGHT
+from etendue.constants import ARCSECONDS_PER_RADIAN, PLANCK, SPEED_OF_LIGHT
 
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
 PHOTONS_PER_JOULE_UM = 1e-6 / (PLANCK * SPEED_OF_LIGHT)
 """Photons per joule of light of 1 um."""
-
-SECOND_RADIATION_UM = 1e6 * PLANCK * SPEED_OF_LIGHT / BOLTZMANN
-"""The second radiation constant hc/k, um K."""
 
 
 def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
@@ -47,9 +44,9 @@ def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     -----
     Source: seed paper eq. 5, the factor f/# (1 - m), with the pupil magnification of a thick lens.
     """
-    _require(f_number, "f_number", np.greater, "above 0")
-    _require(pupil_magnification, "pupil_magnification", np.greater, "above 0")
-    _require(magnification, "magnification", np.less_equal, "0 or below: a real image is inverted")
+    require(f_number, "f_number", np.greater, "above 0")
+    require(pupil_magnification, "pupil_magnification", np.greater, "above 0")
+    require(magnification, "magnification", np.less_equal, "0 or below: a real image is inverted")
     return f_number * (1.0 - magnification / pupil_magnification)
 
 
@@ -83,6 +80,98 @@ def aplanatic_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
             f"working f-number is {working} (f_number {f_number}, magnification {magnification}); an aplanatic lens in air has at least 0.5"
         )
     return np.pi / (4.0 * working**2)
+
+
+def t_number_factor(t_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
+    """E/L on the axis of a lens of a photometric f-number, pi / (4 T_w^2), its losses included.
+
+    Parameters
+    ----------
+    t_number : float, 1
+        f-number of the lossless aplanatic lens that gives as much light; above 0.
+    magnification, pupil_magnification : float, 1
+        As in `working_f_number`: T_w = T (1 - m/m_p).
+
+    Returns
+    -------
+    float, sr
+        Irradiance per scene radiance, at most pi.
+
+    Raises
+    ------
+    ValueError
+        As `aplanatic_factor`.
+
+    Notes
+    -----
+    Source: ISO 517, T = N / sqrt(transmittance), which makes it `aplanatic_factor` of N times the transmittance. Error: below
+    4e-16 relative.
+    """
+    return aplanatic_factor(t_number, magnification, pupil_magnification)
+
+
+def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
+    """T-number of a lens, N / sqrt(transmittance).
+
+    Parameters
+    ----------
+    f_number : float, 1
+        Above 0.
+    transmittance : float, 1
+        Above 0, at most 1.
+
+    Raises
+    ------
+    ValueError
+        For inputs outside these ranges.
+
+    Notes
+    -----
+    Source: ISO 517.
+    """
+    require(f_number, "f_number", np.greater, "above 0")
+    require(transmittance, "transmittance", lambda v, zero: (v > zero) & (v <= 1), "above 0 and at most 1")
+    return f_number / np.sqrt(transmittance)
+
+
+def exit_pupil_distance(focal_length_mm: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
+    """Distance (mm) of the exit pupil in front of the image plane, f (m_p - m).
+
+    Parameters
+    ----------
+    focal_length_mm : float, mm
+        Above 0.
+    magnification, pupil_magnification : float, 1
+        As in `working_f_number`.
+
+    Notes
+    -----
+    Source: conjugates of the pupils. It makes N_w the distance over the diameter m_p f/N of the exit pupil.
+    """
+    require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    working_f_number(1.0, magnification, pupil_magnification)  # refuses what makes no sense
+    return focal_length_mm * (pupil_magnification - magnification)
+
+
+def etendue(area: Floats, factor: Floats) -> Floats:
+    """What a pixel can take in: its area times the projected solid angle of the light that reaches it.
+
+    Parameters
+    ----------
+    area : float, um2
+    factor : float, sr
+        E/L on the axis, `aplanatic_factor` or `flat_disc_factor`: pi sin^2 of the half angle of the cone.
+
+    Returns
+    -------
+    float, um2 sr
+        The power on the pixel is the scene's radiance times this, times the transmittance.
+
+    Notes
+    -----
+    Source: G = A pi sin^2 theta in air; a lens keeps it, A/m^2 on the object's side times pi (m sin theta)^2.
+    """
+    return area * factor
 
 
 def flat_disc_factor(f_number: Floats, magnification: Floats = 0.0, pupil_magnification: Floats = 1.0) -> Floats:
@@ -207,75 +296,6 @@ def photons_from_energy(energy_joule: Floats, wavelength_um: Floats) -> Floats:
     return energy_joule * wavelength_um * PHOTONS_PER_JOULE_UM
 
 
-def planck_photon_radiance(wavelength_um: Floats, temperature: Floats) -> Floats:
-    """Spectral photon radiance of a black body, 2 c / (lambda^4 (exp(hc / (lambda k T)) - 1)).
-
-    Parameters
-    ----------
-    wavelength_um : (...) array, um
-        Above 0.
-    temperature : (...) array, K
-        Above 0.
-
-    Returns
-    -------
-    (...) array, photons s-1 m-2 sr-1 m-1
-        Per metre of wavelength. 0 where the true value is below the smallest float; never NaN.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength or a temperature that is not above 0.
-
-    Notes
-    -----
-    Source: Planck's law. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
-    """
-    _require(wavelength_um, "wavelength_um", np.greater, "above 0")
-    _require(temperature, "temperature", np.greater, "above 0")
-    wavelength = np.asarray(wavelength_um)
-    exponent = SECOND_RADIATION_UM / (wavelength * temperature)
-    # exp(-x) / (1 - exp(-x)) instead of 1 / expm1(x): underflows where the other overflows
-    return 2e24 * SPEED_OF_LIGHT / wavelength**4 * np.exp(-exponent) / -np.expm1(-exponent)
-
-
-def planck_ratio(wavelength_um: Floats, temperature: Floats, reference_um: float) -> Floats:
-    """Black-body spectral energy radiance relative to that at a reference wavelength.
-
-    Parameters
-    ----------
-    wavelength_um : (...) array, um
-        Above 0.
-    temperature : (...) array, K
-        Above 0.
-    reference_um : float, um
-        Above 0; the result is exactly 1 there. CIE illuminant A is 2856 K (2848 K in its original constants)
-        with 0.56 um.
-
-    Returns
-    -------
-    (...) array, 1
-
-    Raises
-    ------
-    ValueError
-        For an input that is not above 0.
-
-    Notes
-    -----
-    Source: Planck's law as a ratio, with the two exponentials joined into one that overflows only if the
-    ratio does. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
-    """
-    _require(wavelength_um, "wavelength_um", np.greater, "above 0")
-    _require(temperature, "temperature", np.greater, "above 0")
-    _require(reference_um, "reference_um", np.greater, "above 0")
-    wavelength = np.asarray(wavelength_um)
-    gap = SECOND_RADIATION_UM / temperature * ((wavelength - reference_um) / (wavelength * reference_um))
-    slow = np.expm1(-SECOND_RADIATION_UM / (temperature * reference_um))
-    fast = np.expm1(-SECOND_RADIATION_UM / (temperature * wavelength))
-    return (reference_um / wavelength) ** 5 * np.exp(gap) * (slow / fast)
-
-
 def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
     """Angle on the sky or in the scene that one pixel sees, arcsec/pixel.
 
@@ -295,8 +315,8 @@ def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
     -----
     Source: seed paper eq. 10, with 206264.806 instead of 206265. Small angles: on the axis.
     """
-    _require(pixel_pitch_um, "pixel_pitch_um", np.greater, "above 0")
-    _require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    require(pixel_pitch_um, "pixel_pitch_um", np.greater, "above 0")
+    require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
     return ARCSECONDS_PER_RADIAN * pixel_pitch_um / (1000.0 * focal_length_mm)
 
 
@@ -319,8 +339,8 @@ def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) ->
     -----
     Source: seed paper eq. 9. A half-inch sensor (y = 4 mm) at 30 degrees needs 6.93 mm.
     """
-    _require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
-    _require(half_field_rad, "half_field_rad", lambda v, zero: (v > zero) & (v < np.pi / 2), "in (0, pi/2)")
+    require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
+    require(half_field_rad, "half_field_rad", lambda v, zero: (v > zero) & (v < np.pi / 2), "in (0, pi/2)")
     return half_diagonal_mm / np.tan(half_field_rad)
 
 
@@ -341,12 +361,12 @@ def field_from_focal_length(half_diagonal_mm: Floats, focal_length_mm: Floats) -
     -----
     Source: seed paper eq. 9 solved for omega.
     """
-    _require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
-    _require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
+    require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
     return np.arctan2(half_diagonal_mm, focal_length_mm)
 
 
-def _require(value: Floats, name: str, test: Any, allowed: str) -> None:
+def require(value: Floats, name: str, test: Any, allowed: str) -> None:
     """Every element of value must pass test(value, 0); NaN never does."""
     if not np.all(test(np.asarray(value), 0.0)):
         raise ValueError(f"{name} is {value}; it must be {allowed}")

@@ -162,7 +162,7 @@ class _Expansion:
         cell = Cell(
             node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
             seed=seed, input_grids=input_grids, grids=grids, facts=facts,
-            left_out=decided, bound=bound, error=self.error(stage, input_facts, input_grids),
+            left_out=decided, bound=bound, error=self.error(node, stage, inputs, input_facts, input_grids),
             segment_input=self.segment_input(node, inputs),
         )  # fmt: skip
         self.cells[cell.ref] = cell
@@ -231,7 +231,15 @@ class _Expansion:
             return b""
         return f"{self.pipeline.seed}|{node.name}|{'' if stage.common_draws else values}".encode()
 
-    def error(self, stage: Stage, facts: Any, grids: Any) -> tuple[float | None, str]:
+    def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
         if not hasattr(stage, "error"):
             return None, "unknown"
+        if node.segment and hasattr(stage, "segment_error"):
+            before: list[Stage] = []
+            ref = inputs[0][1]
+            for _ in range(len(node.segment) - 1):
+                if self.cells[ref].left_out is None:
+                    before.append(self.cells[ref].stage)
+                ref = self.cells[ref].inputs[0][1]
+            return stage.segment_error(tuple(reversed(before)), facts, grids, self.precision)
         return stage.error(facts, grids, self.precision)

@@ -13,6 +13,7 @@ from etendue.plan.model import Cell, Node
 from etendue.spec.grid import Grid
 from etendue.spec.variables import Declaration
 
+LARGEST_WHOLE = 128 << 20  # a variable with wavelength above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
 
 
@@ -22,6 +23,11 @@ def item_bytes(declaration: Declaration, precision: str) -> int:
 
 def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
     return math.prod(coordinate.size for _, coordinate in grid.entries) * item_bytes(declaration, precision)
+
+
+def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
+    """Whether a variable is made and stored one wavelength band at a time."""
+    return declaration.dims == ("wavelength", "y", "x") and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
 
 
 def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] | None = None) -> int:
@@ -46,8 +52,15 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
 
 
 def cell_memory(node: Node, cell: Cell, precision: str) -> int:
-    """Bytes held while one cell is computed: what it reads, writes, and its working copies."""
-    own = cell_bytes(node, cell, precision)
+    """Bytes held while one cell is computed: what it reads, writes, and its working copies; of what is made by band, few bands."""
     size = 4 if precision == "float32" else 8
-    read = sum(size * math.prod(c.size for _, c in grid.entries) for grid in cell.input_grids.values())
-    return 2 * own + (5 * read if node.segment else 2 * read)
+    own = sum(_held(d.dims, cell.grids[v], precision, item_bytes(d, precision)) for v, d in node.writes.items())
+    read = sum(_held(tuple(dim for dim, _ in g.entries), g, precision, size) for g in cell.input_grids.values())
+    terms = getattr(cell.stage, "wavelength_terms", 0)
+    return 2 * own * (1 + terms) + (5 * read if node.segment else 2 * read)
+
+
+def _held(dims: tuple[str, ...], grid: Grid, precision: str, size: int) -> int:
+    """Bytes of a variable, or of three of its bands where it is made by band."""
+    whole = size * math.prod(coordinate.size for _, coordinate in grid.entries)
+    return 3 * whole // grid.bands().size if set(dims) == {"wavelength", "y", "x"} and whole > LARGEST_WHOLE else whole

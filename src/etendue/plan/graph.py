@@ -19,6 +19,7 @@ from etendue.spec import camera as standard_camera
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.stage import MISSING, Parameter, Probe, Stage, ends_in_sum, is_transfer, parameters_of, reads_of, writes_of
 from etendue.spec.units import as_written
+from etendue.spec.variables import Declaration
 
 
 @dataclass
@@ -162,12 +163,15 @@ class _Builder:
                             f"{one.use} takes it in {parameter.units}, but {declared[name][3]} in {declared[name][0].units}",
                         )
                     declared.setdefault(name, (parameter, kind, default, one.use))
-        for name, value in self.pipeline.camera.items():
+        given = {**self.pipeline.preset, **self.pipeline.camera}
+        for name, value in given.items():
             if name not in declared:
+                if name not in self.pipeline.camera:
+                    continue  # a sensor has more sides than a pipeline may ask for
                 if name in standard_camera.names():
                     self.warnings.append(f"camera.{name} is not used by any stage of this pipeline")
                 else:
-                    self.fault(f"camera.{name}", f"unknown camera quantity{nearest(name, [*declared, *standard_camera.names()])}")
+                    self.fault(f"camera.{name}", f"unknown camera quantity{nearest(name, ['sensor', *declared, *standard_camera.names()])}")
                 continue
             parameter, kind, _, _ = declared[name]
             try:
@@ -175,11 +179,28 @@ class _Builder:
             except Unfit as error:
                 self.fault(f"camera.{name}", str(error))
         for name, (_, _, default, use) in declared.items():
-            if name not in self.pipeline.camera:
+            if name not in given:
                 if default is MISSING and name not in self.pipeline.sweep:
                     self.fault(f"camera.{name}", f"{use} needs it under [camera]: {_meaning(declared[name][0])}")
                 self.camera[name] = None if default is MISSING else default
         self.camera_declared = declared
+        self.found: dict[str, tuple[str, str]] = {}  # quantities that a stage finds itself: which stage, and what to do instead
+
+    def check_found(self, entries: dict[str, tuple[Alternative, ...]]) -> None:
+        """A camera quantity that one stage finds from the light cannot be given to another."""
+        for name, made in entries.items():
+            for one in made:
+                self.found.update({quantity: (name, instead) for quantity, instead in one.kind.finds.items()})
+        for name, made in entries.items():
+            for one in made:
+                for quantity in self.found.keys() & parameters_of(one.kind).keys():
+                    finder, instead = self.found[quantity]
+                    other = f"{one.use}_metered"
+                    hint = f"; use {other}" if other in self.registry else ""
+                    self.fault(
+                        f"stages.{name}",
+                        f"{one.use} takes camera.{quantity}, which {finder!r} finds: {instead.replace('<stage>', finder)}{hint}",
+                    )
 
     def resolve_axes(self, entries: dict[str, tuple[Alternative, ...]]) -> dict[str, list[tuple[str, str]]]:
         """Axes besides ``.use``, and which parameters of which stage each of them sets."""
@@ -212,6 +233,10 @@ class _Builder:
                     continue
                 dim, users = f"{stage}_{name}", [stage]
             else:
+                if key in self.found:
+                    finder, instead = self.found[key]
+                    self.fault(place, f"{finder!r} finds {key} itself: {instead.replace('<stage>', finder)}")
+                    continue
                 if key not in self.camera_declared:
                     known = [*self.camera_declared, *(f"{s}.use" for s in entries)]
                     if not self.whole:
@@ -309,6 +334,7 @@ class _Builder:
             entries[entry.name], use_axes[entry.name] = self.alternatives(entry)
             self.whole = self.whole and bool(entries[entry.name])
         self.resolve_camera(list(entries.values()))
+        self.check_found(entries)
         direct = self.resolve_axes(entries)
         nodes = self.link(entries, use_axes, direct)
         self.try_values(nodes)
@@ -371,11 +397,28 @@ class _Builder:
                 use_axis=use_axes[entry.name],
                 inputs=inputs,
                 looks_at=looks_at,
-                writes={d.variable: d for d in writes_of(made[0].kind).values()},
+                writes=self.resolved_writes(entry, made, inputs, nodes),
                 axes=tuple(dim for dim in order if dim in reach),
             )
             nodes.append(replace(node, segment=_segment(node, nodes)))
         return nodes
+
+    def resolved_writes(
+        self, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[tuple[tuple[str, str, str], ...], ...], earlier: list[Node]
+    ) -> dict[str, Declaration]:
+        """What a stage writes, ``...`` replaced by the leading dims of what it reads."""
+        by_name = {node.name: node for node in earlier}
+        found: list[dict[str, Declaration]] = []
+        for one, bound in zip(made, inputs, strict=True):
+            reads = reads_of(one.kind)
+            leading = {reads[port].leading(by_name[source].writes[variable].dims) for port, source, variable in bound} - {()}
+            if len(leading) > 1:
+                self.fault(
+                    entry.place, f"{one.use} reads {' and '.join(' '.join(dims) for dims in sorted(leading))}: the same dims must lead"
+                )
+            dims = min(leading, default=())
+            found.append({d.variable: d.led_by(dims) for d in writes_of(one.kind).values()})
+        return found[0]
 
     def looks(self, kind: type[Stage], earlier: list[Node]) -> tuple[tuple[str, str, tuple[str, ...]], ...]:
         """What a probe looks at: (port, 'transfer' or variable, nodes in order)."""

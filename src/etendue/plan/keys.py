@@ -19,7 +19,7 @@ from etendue.spec.stage import Stage, file_state, files_of, parameters_of
 
 PACKAGE = Path(__file__).parent.parent
 FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants", "etendue.stages", "etendue.api")
-SEGMENT_MODULES = ("etendue.physics.sampling",)
+SEGMENT_MODULES = ("etendue.physics.sampling", "etendue.physics.cell_pixels")
 
 
 def digest(data: bytes) -> str:
@@ -121,13 +121,21 @@ def version_of(distribution: str) -> str:
 
 
 def file_digest(path: str) -> str:
-    """SHA-256 of a file: file parameters count by content."""
+    """SHA-256 of a file, or of the names and contents of a folder's files: file parameters count by content."""
     return _file_digest(path, file_state(path))
 
 
 @cache
 def _file_digest(path: str, state: tuple[int, int]) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    whole = Path(path)
+    if not whole.is_dir():
+        with whole.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    found = hashlib.sha256()
+    for part in sorted(p for p in whole.rglob("*") if p.is_file()):
+        with part.open("rb") as file:
+            found.update(f"{part.relative_to(whole).as_posix()} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+    return found.hexdigest()
 
 
 def parameters_for_key(stage: Stage) -> dict[str, Any]:

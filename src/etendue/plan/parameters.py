@@ -24,8 +24,8 @@ class Unfit(ValueError):
     """A value that does not fit its parameter; the text says what was expected."""
 
 
-def resolve_file(text: str, folder: Path) -> Path:
-    """Absolute path of a file parameter; ``package:matplotlib/...`` names a file in an installed distribution."""
+def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
+    """Absolute path of a file parameter (of a folder, where those are allowed); ``package:matplotlib/...`` names a file in an installed distribution."""
     if text.startswith("package:"):
         package, _, rest = text.removeprefix("package:").partition("/")
         try:
@@ -38,7 +38,7 @@ def resolve_file(text: str, folder: Path) -> Path:
     else:
         path = (folder / text).absolute()
     try:
-        if not path.is_file():
+        if not path.is_file() and not (folders and path.is_dir()):
             hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
             if "did you" not in hint:
                 hint = "" if text.startswith("package:") else "; relative paths start at the folder of the pipeline"
@@ -106,7 +106,7 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
     if parameter.choices and value not in parameter.choices:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
     if value and (parameter.file or (parameter.table and value.endswith(".csv"))):
-        return str(resolve_file(value, folder))
+        return str(resolve_file(value, folder, parameter.folder))
     return value
 
 

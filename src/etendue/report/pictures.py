@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from etendue import spectra
-from etendue.physics import colour, mosaic
+from etendue.physics import cfa, colour
 from etendue.physics.charts import area_weights
 from etendue.physics.transfer import srgb_encode
 from etendue.plan.model import Cell, CellRef, Plan
@@ -45,13 +45,19 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
     if "y" not in grid or "x" not in grid:
         return None
     dims = plan.node(cell.node).writes[variable].dims
+    if dims[:1] == ("frame",):  # of several exposures the first is shown
+        dims, array = dims[1:], array[0]
     if dims == ("wavelength", "y", "x"):
         edges = grid.bands().edges
         observer = (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T.astype(np.float32)
-        xyz = np.tensordot(observer, np.asarray(array, dtype=np.float32), axes=1)
+        if isinstance(array, np.ndarray):
+            xyz = _fitted(np.tensordot(observer, np.asarray(array, dtype=np.float32), axes=1))
+        else:  # stored by band, as it is too large to be held
+            small = np.stack([_fitted(np.asarray(array[band], dtype=np.float32)) for band in range(array.shape[0])])
+            xyz = np.tensordot(observer, small, axes=1)
         return colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), xyz)
     if dims == ("channel", "y", "x"):
-        planes = np.asarray(array, dtype=np.float32)
+        planes = _fitted(np.asarray(array, dtype=np.float32)).astype(np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
             matrix = np.linalg.inv(colour.RGB_TO_XYZ_SRGB)
             white = cell.stage.viewing_white() if hasattr(cell.stage, "viewing_white") else None
@@ -59,7 +65,9 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
                 seen = colour.von_kries_matrix(white, colour.xyz_from_xy(colour.D65_XY), colour.TRANSFORMS["bradford"])
                 matrix = matrix @ seen
             planes = colour.apply_matrix(matrix, planes)
-        return planes if planes.shape[0] == 3 else np.repeat(planes[:1], 3, axis=0)
+        if grid["channel"].values()[:3] in (["R", "G", "B"], ["X", "Y", "Z"]):
+            return planes[:3]
+        return np.repeat(planes.mean(axis=0, keepdims=True), 3, axis=0)
     if dims == ("y", "x"):
         plane = np.asarray(array, dtype=np.float32)
         if variable == "raw":
@@ -67,8 +75,10 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         pattern = plan.camera.get("pattern")
         if pattern is None:
             return np.repeat(plane[None], 3, axis=0)
-        index = mosaic.colour_index(pattern, *plane.shape)
-        return np.stack([np.where(index == c, plane, np.float32(0)) for c in range(3)])
+        mask = cfa.parse_rows(Path(pattern).read_text(encoding="utf-8-sig")) if str(pattern).endswith(".csv") else cfa.parse(pattern)
+        index = cfa.channel_index(mask, plane.shape[0], plane.shape[1], round(grid.line("y").start), round(grid.line("x").start))
+        tints = np.array([cfa.tint(channel) for channel in mask.channels], dtype=np.float32)
+        return np.stack([_fitted(tints[:, k][index] * plane) for k in range(3)])
     return None
 
 
@@ -81,6 +91,8 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
         for variable in node.writes:
             if variable not in SHOWN or variable not in arrays.get(cell.ref, {}):
                 continue
+            if getattr(arrays[cell.ref][variable], "on_demand", False):  # a large variable that is not stored would be made again
+                continue
             kind = variable if variable not in ("charge", "expected_charge") else "charge"
             kinds.setdefault(kind, []).append((cell, variable, arrays[cell.ref][variable]))
             order.append((cell, variable, kind))
@@ -89,7 +101,7 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
     for cell, variable, kind in order:
         array = arrays[cell.ref][variable]
         if variable == "rgb_display":
-            picture = np.asarray(array, dtype=np.float32)
+            picture = _fitted(np.asarray(array, dtype=np.float32))
         else:
             linear = _linear_rgb(plan, cell, variable, array)
             if linear is None:
@@ -100,19 +112,21 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                     1.0 if variable in ("rgb_linear", "xyz_display", "xyz_scene") else float(np.quantile(linear.max(axis=0), 0.995)) / 0.9
                 )
                 scales[kind] = bright if bright > 0 else 1.0
-            picture = srgb_encode(np.clip(_fitted(linear) / scales[kind], 0, 1))
+            picture = srgb_encode(np.clip(linear / scales[kind], 0, 1))
         size = (array.shape[-2], array.shape[-1])
-        frames.append(Frame(cell.node, variable, _fitted(np.clip(picture, 0, 1)), size))
+        frames.append(Frame(cell.node, variable, np.clip(picture, 0, 1), size))
     return frames
 
 
 def _fitted(picture: Any) -> Any:
     """Area-averaged until it fits; smaller pictures stay as they are."""
-    _, y, x = picture.shape
+    y, x = picture.shape[-2:]
     if max(y, x) <= LARGEST:
         return picture
     scale = LARGEST / max(y, x)
-    return area_weights(y, max(1, round(y * scale))) @ picture @ area_weights(x, max(1, round(x * scale))).T
+    down = area_weights(y, max(1, round(y * scale))).astype(picture.dtype)
+    across = area_weights(x, max(1, round(x * scale))).T.astype(picture.dtype)
+    return down @ picture @ across
 
 
 def frames_table(frames: list[Frame]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ import numpy as np
 from etendue.errors import ArchiveInUse, EtendueError, PluginError
 from etendue.physics.noise import philox
 from etendue.plan.model import CellRef
+from etendue.run.bands import Banded, StoredBands, made_by_band
 from etendue.run.jobs import Job
 from etendue.run.segments import Otf, Result, transferred
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
@@ -30,6 +31,8 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
     policy = job.stage.negative
     for port, ref, variable in job.inputs:
         array = results[ref].arrays[variable]
+        if isinstance(array, Banded):  # a stage that needs the whole of it
+            array = np.asarray(array)
         if job.stage.nan != "keep" and array.dtype.kind == "f" and not np.isfinite(results[ref].lowest.get(variable, 0.0)):
             raise PluginError(
                 f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
@@ -95,6 +98,9 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
         grid = job.grids[variable]
         leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
         shape = grid.shape(leading)
+        if isinstance(arrays[variable], Banded):
+            checked[variable] = arrays[variable]  # checked band by band, as it is made
+            continue
         array = np.asarray(arrays[variable])
         if array.shape != shape:
             raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {leading} = {shape}")
@@ -126,7 +132,7 @@ def _undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
     """NaN for each float array that holds undefined values; refuses those that were not declared."""
     found = {}
     for variable, array in arrays.items():
-        if array.dtype.kind != "f" or array.size == 0 or finite(array):
+        if isinstance(array, Banded) or array.dtype.kind != "f" or array.size == 0 or finite(array):
             continue
         if not job.writes[variable].nan:
             bad = int(array.size - np.isfinite(array).sum())
@@ -158,13 +164,19 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         elif job.left_out:
             sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
             result, arrays = Result(), {name: sources[name] for name in job.writes}
+        elif job.by_band:
+            given = {port: results[ref].arrays[variable] for port, ref, variable in job.inputs}
+            result, arrays = Result(), made_by_band(job, given)
         else:
             result, arrays = Result(), job.stage.run(**_arguments(job, results, clipped))  # type: ignore[attr-defined]
         if arrays:
             arrays = check(job, arrays)
             result.lowest = _undefined(job, arrays)
         seconds = time.thread_time() - began
-        written = job.target.write({v: arrays[v] for v in job.store}) if job.target and job.store else ()
+        written: tuple[Any, ...] = ()
+        if job.target and job.store:
+            written = job.target.write({v: arrays[v] for v in job.store})
+            arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = clipped[0] if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
@@ -183,7 +195,8 @@ def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str
     else:
         result = Result()
     assert job.target is not None
-    arrays = {variable: job.target.read(variable) for variable in job.deliver}
+    arrays = {v: StoredBands(job, v) if v in job.by_band else job.target.read(v) for v in job.deliver}
     for array in arrays.values():
-        array.flags.writeable = False
+        if not isinstance(array, Banded):
+            array.flags.writeable = False
     return result, arrays

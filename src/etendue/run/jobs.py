@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from etendue.plan.cost import cell_seconds
-from etendue.plan.model import Cell, CellRef, Plan
+from etendue.plan.cost import cell_seconds, too_large
+from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage
+from etendue.spec.stage import Stage, ends_in_sum
 from etendue.spec.variables import Declaration
 
 
@@ -48,6 +48,8 @@ class Job:
     target: Target | None
     seconds: float
     give: tuple[str, ...] | None = None  # of what is delivered: what the caller holds on to; None: all
+    by_band: tuple[str, ...] = ()  # variables that are made and stored band by band
+    joined: tuple[Stage, ...] | None = None  # reads the segment's input itself: the stages of the segment in front of it
 
     @cached_property
     def needs(self) -> tuple[CellRef, ...]:
@@ -74,6 +76,7 @@ def make_jobs(
     wants to look at.
     """
     nodes = {node.name: node for node in plan.nodes}
+    direct = {ref: found for ref, cell in plan.cells.items() if (found := _direct(plan, nodes, cell)) is not None}
     arrays: dict[CellRef, dict[str, None]] = {}
     spectra: set[CellRef] = set()
     included: set[CellRef] = set()
@@ -87,7 +90,10 @@ def make_jobs(
         node = nodes[cell.node]
         joined = len(node.segment) > 1
         for number, (_, source, variable) in enumerate(cell.inputs):
-            if joined and number == 0:
+            if ref in direct and number == 0:
+                source, variable = direct[ref][0]
+                arrays.setdefault(source, {})[variable] = None
+            elif joined and number == 0:
                 spectra.add(source)
             else:
                 arrays.setdefault(source, {})[variable] = None
@@ -105,16 +111,50 @@ def make_jobs(
         deliver = {**arrays.get(ref, {}), **dict.fromkeys(give)}
         looks_at, transfers, bands, weights = _looking(plan, cell)
         serial = getattr(cell.stage, "sensor_serial", "")
+        inputs, previous, before = cell.inputs, cell.inputs[0][1] if len(node.segment) > 1 else None, None
+        if ref in direct:
+            (source, variable), before = direct[ref]
+            inputs, previous = ((inputs[0][0], source, variable), *inputs[1:]), None
         jobs[ref] = Job(
             ref=ref, task="compute" if ref in todo else "load", stage=cell.stage, writes=node.writes, grids=cell.grids,
-            input_grids=cell.input_grids, inputs=cell.inputs, looks_at=looks_at, transfers=transfers, bands=bands,
-            channel_weights=weights, previous=cell.inputs[0][1] if len(node.segment) > 1 else None,
+            input_grids=cell.input_grids, inputs=inputs, looks_at=looks_at, transfers=transfers, bands=bands,
+            channel_weights=weights, previous=previous,
             left_out=cell.left_out is not None, seed=cell.seed,
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(deliver), spectrum=ref in spectra, target=target(cell), seconds=cell_seconds(node, cell, plan.precision),
-            give=give,
+            give=give, by_band=_by_band(node, cell, plan.precision), joined=before,
         )  # fmt: skip
     return jobs
+
+
+def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
+    """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
+    if cell.left_out is not None or not (hasattr(cell.stage, "by_band") or node.segment):
+        return ()
+    return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
+
+
+def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[CellRef, str], tuple[Stage, ...]] | None:
+    """What a transfer cell reads that starts from the segment's input itself: the input, and the stages in force in front of it.
+
+    So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum over
+    wavelength is expanded.
+    """
+    node = nodes[cell.node]
+    if not node.segment or cell.segment_input is None:
+        return None
+    source, variable = cell.segment_input
+    grid = plan.cells[source].grids[variable]
+    expanded = ends_in_sum(type(cell.stage)) and getattr(cell.stage, "wavelength_terms", 0) > 0
+    if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
+        return None
+    before: list[Stage] = []
+    at = cell
+    for _ in range(len(node.segment) - 1):
+        at = plan.cells[at.inputs[0][1]]
+        if at.left_out is None:
+            before.append(at.stage)
+    return cell.segment_input, tuple(reversed(before))
 
 
 def _looking(plan: Plan, cell: Cell) -> tuple[Any, Any, tuple[float, ...], Stage | None]:

@@ -14,7 +14,10 @@ import numpy as np
 
 from etendue.physics import sampling
 from etendue.plan.model import CellRef
+from etendue.run.bands import Banded
 from etendue.run.jobs import Job
+from etendue.run.segment_bands import from_bands
+from etendue.run.segment_cells import from_cells
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.grid import Bands, Grid
 from etendue.spec.stage import Stage, state_of
@@ -37,7 +40,7 @@ class Result:
     def read_only(self) -> Result:
         """Forbid writing into the arrays: a trip to another process forgets it."""
         for array in (*self.arrays.values(), self.spectrum, self.untouched):
-            if array is not None:
+            if array is not None and not isinstance(array, Banded):
                 array.flags.writeable = False
         return self
 
@@ -65,6 +68,12 @@ def _grid_transfer(job: Job) -> Any:
 
 
 def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+    if not (job.spectrum or job.store or job.deliver):
+        return Result(), {}
+    if job.input_grids[job.inputs[0][0]].line("y").cells:
+        return Result(), from_cells(job, results)
+    if job.joined is not None:
+        return Result(), from_bands(job, results)
     port, ref, variable = job.inputs[0]
     grid = job.input_grids[port]
     y, x = grid.line("y"), grid.line("x")

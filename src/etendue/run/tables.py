@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.noise import sensor_normal
+from etendue.physics.noise import sensor_normal, sensor_uniform
 from etendue.spec.grid import Bands, Grid, Line
 from etendue.spec.stage import Stage, state_of
 
@@ -50,14 +50,24 @@ class Cache:
                 self.making.pop(key, None)
         return value
 
+    def clear(self) -> None:
+        """Forget everything: for measurements that must not profit from what was made before."""
+        with self.lock:
+            self.entries.clear()
+            self.held = 0
 
-def _size(value: Any) -> int:
-    """Bytes of the arrays in a value, containers looked into."""
+
+def _size(value: Any, depth: int = 6) -> int:
+    """Bytes of the arrays in a value, containers and the fields of objects looked into."""
+    known = getattr(value, "nbytes", None)
+    if known is not None:
+        return int(known)
     if isinstance(value, Mapping):
         value = tuple(value.values())
     if isinstance(value, tuple | list):
-        return 256 + sum(_size(v) for v in value)
-    return int(getattr(value, "nbytes", 256))
+        return 256 + sum(_size(v, depth - 1) for v in value)
+    inside = getattr(value, "__dict__", None)
+    return 256 + sum(_size(v, depth - 1) for v in inside.values()) if inside and depth and not callable(value) else 256
 
 
 TABLES = Cache(LARGEST_CACHE)
@@ -85,22 +95,40 @@ def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any
 
 
 class SensorRandom:
-    """Standard normals that belong to the pixels of one sensor: the same in every cell, frame and window."""
+    """Random numbers that belong to the pixels, rows and columns of one sensor: the same in every cell, frame and window."""
 
     def __init__(self, words: bytes, grid: Grid, precision: str) -> None:
         self.words, self.rows, self.columns, self.precision = words, grid.line("y"), grid.line("x"), precision
 
     def normal(self, stream: str) -> Any:
-        """(y, x) array for a named stream such as ``"prnu"``."""
-        window = (round(self.rows.start), round(self.columns.start), self.rows.size, self.columns.size)
+        """(y, x) standard normals for a named stream such as ``"prnu"``."""
+        return self._pattern(stream, sensor_normal, (*self._span(self.rows), *self._span(self.columns)))
+
+    def uniform(self, stream: str) -> Any:
+        """(y, x) uniforms, 0 <= u < 1."""
+        return self._pattern(stream, sensor_uniform, (*self._span(self.rows), *self._span(self.columns)))
+
+    def row_normal(self, stream: str) -> Any:
+        """(y, 1) standard normals: one for each row, whichever columns the window holds."""
+        return self._pattern(stream, sensor_normal, (*self._span(self.rows), 0, 1))
+
+    def column_normal(self, stream: str) -> Any:
+        """(1, x) standard normals: one for each column."""
+        return self._pattern(stream, sensor_normal, (0, 1, *self._span(self.columns)))
+
+    def _span(self, line: Line) -> tuple[int, int]:
+        return round(line.start), line.size
+
+    def _pattern(self, stream: str, draw: Callable[..., Any], spans: tuple[int, int, int, int]) -> Any:
         words = self.words + b"|" + stream.encode()
+        first_row, rows, first_column, columns = spans
 
         def make() -> Any:
-            pattern = sensor_normal(words, *window, np.dtype(self.precision))
+            pattern = draw(words, first_row, first_column, rows, columns, np.dtype(self.precision))
             pattern.flags.writeable = False
             return pattern
 
-        return TABLES.get(("sensor", words, window, self.precision), make)
+        return TABLES.get(("sensor", draw.__name__, words, spans, self.precision), make)
 
 
 def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> Any:

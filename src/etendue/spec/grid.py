@@ -15,7 +15,8 @@ class Line:
     """``size`` points at ``start + step * i``.
 
     On the image plane the points are positions in um. On the sensor they are pixel indices, and
-    ``position`` holds (start, step) of the pixel centres on the image plane, um.
+    ``position`` holds (start, step) of the pixel centres on the image plane, um. ``cells`` says that a value is the
+    mean over a cell of length ``step`` about its point, not a sample of band-limited light.
     """
 
     size: int
@@ -23,6 +24,7 @@ class Line:
     step: float = 1.0
     units: str = "um"
     position: tuple[float, float] | None = None
+    cells: bool = False
 
     def values(self) -> list[float]:
         return [self.start + self.step * i for i in range(self.size)]

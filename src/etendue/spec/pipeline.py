@@ -16,6 +16,7 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError, nearest
 from etendue.spec import camera
+from etendue.spec.presets import preset
 from etendue.spec.units import as_written
 
 TOP = ("name", "seed", "tolerance", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description")
@@ -40,6 +41,8 @@ class Pipeline:
     name: str
     stages: tuple[StageEntry, ...]
     camera: Mapping[str, Any] = field(default_factory=dict)
+    sensor: str = ""
+    preset: Mapping[str, Any] = field(default_factory=dict)  # what the sensor's name stands for, where ``camera`` says nothing
     sweep: Mapping[str, Any] = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed
@@ -240,11 +243,14 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
             table = {}
         tables[key] = table
     tables["sweep"] = _flat(tables["sweep"])
+    sensor, values = _sensor(tables, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return Pipeline(
         name=text_of("name", Path(file).stem or "pipeline"),
         stages=stages,
         camera=tables["camera"],
+        sensor=sensor,
+        preset=values,
         sweep=tables["sweep"],
         wanted=names_of("wanted"),
         keep=names_of("keep"),
@@ -257,6 +263,25 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         faults=tuple(faults),
         whole=whole,
     )
+
+
+def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
+    """The sensor that ``[camera]`` names, and the values it stands for; the name itself is no camera quantity."""
+    if "sensor" in tables["sweep"]:
+        tables["sweep"] = {key: value for key, value in tables["sweep"].items() if key != "sensor"}
+        faults.append(Fault("sweep.sensor", "a sensor is many values at once and no axis; run once for each: --set camera.sensor=NAME"))
+    name = tables["camera"].get("sensor", "")
+    tables["camera"] = {key: value for key, value in tables["camera"].items() if key != "sensor"}
+    if not isinstance(name, str):
+        faults.append(Fault("camera.sensor", f"expected the name of a sensor, got {as_written(name)}"))
+        return "", {}
+    if not name:
+        return "", {}
+    try:
+        return name, preset(name).values()
+    except RequestError as error:
+        faults += [Fault("camera.sensor", fault.message) for fault in error.faults]
+        return "", {}
 
 
 def _flat(sweep: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,6 +26,8 @@ class Target(Protocol):
 
     def read(self, variable: str) -> Any: ...
 
+    def read_band(self, variable: str, band: int) -> Any: ...
+
 
 @dataclass(frozen=True)
 class CellReport:

@@ -8,6 +8,9 @@ engine looks for them by name and treats their absence as "not known":
     prepare(self, coordinates) -> anything               tables and matrices, once per (parameters, coordinates)
     transfer(self, fy, fx, wavelength) -> array          linear shift-invariant stages, instead of ``run``
     weights(self, prepared) -> (channel, wavelength)     a transfer stage that ends in a sum over wavelength
+    by_band(self, prepared, bands) -> prepared           its run may be given some bands: what is prepared for them
+    constants(self, prepared) -> {variable: array}       sources with by_band: what they write that has no place
+    segment_error(self, before, grid, precision)         an end of a segment: its error behind the stages joined before it
     run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}
     negligible(self, facts, grid) -> float | None        how wrong leaving it out is, in units of its variable
     carry(self, facts, grid) -> Facts                    facts of what it writes, from facts of what it reads
@@ -20,6 +23,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import os
+import stat
 import typing
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -56,6 +60,7 @@ class Parameter:
     fidelity: bool = False
     reference: str = ""
     file: bool = False  # the path of a file
+    folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
     length: int | None = None
     infinite: bool = False
@@ -99,6 +104,9 @@ class Stage:
     the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end here.
     ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only).
     ``libraries`` names distributions whose version can change the result.
+    ``finds`` names camera quantities that the stage finds itself, with what to read and sweep instead (``<stage>`` is
+    replaced by its name): no other stage of a pipeline may take them, and they are no axes.
+    ``radial``: the transfer function depends on the size of the frequency alone.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -107,6 +115,8 @@ class Stage:
     nan: ClassVar[str] = "error"
     negative: ClassVar[str] = "error"
     libraries: ClassVar[tuple[str, ...]] = ()
+    finds: ClassVar[Mapping[str, str]] = {}
+    radial: ClassVar[bool] = False
 
     @property
     def common_draws(self) -> bool:
@@ -192,12 +202,15 @@ def files_of(stage: Stage) -> dict[str, str]:
 
 
 def file_state(path: str) -> tuple[int, int]:
-    """Time and size of a file: what is remembered of a path is forgotten when they change."""
+    """Time and size of a file, or of all files of a folder: what is remembered of a path is forgotten when they change."""
     try:
         found = os.stat(path)
+        if not stat.S_ISDIR(found.st_mode):
+            return (found.st_mtime_ns, found.st_size)
+        inside = [os.stat(os.path.join(folder, name)) for folder, _, names in os.walk(path) for name in names]
     except OSError:
         return (0, 0)
-    return (found.st_mtime_ns, found.st_size)
+    return (max((f.st_mtime_ns for f in inside), default=found.st_mtime_ns), sum(f.st_size for f in inside))
 
 
 def state_of(stage: Stage) -> tuple[Stage, tuple[tuple[int, int], ...]]:

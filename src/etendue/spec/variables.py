@@ -7,7 +7,7 @@ Out: name, dims, unit, dtype and whether undefined values are allowed.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
 DTYPES = ("float", "uint8", "uint16", "uint32")
@@ -36,8 +36,28 @@ LONG_NAMES = {
     "mean_snr": "mean signal-to-noise ratio",
     "clipped_fraction": "share of clipped pixels",
     "black_fraction": "share of black pixels",
+    "working_f_number": "f-number of the cone at the image",
+    "equivalent_t_number": "photometric f-number at infinity",
+    "exit_pupil_distance": "distance from the exit pupil to the sensor",
+    "near_limit": "nearest distance within the depth of field, from the front principal plane",
+    "far_limit": "farthest distance within the depth of field, from the front principal plane",
+    "hyperfocal_distance": "nearest focus whose depth of field reaches infinity",
+    "etendue": "etendue of a pixel on the axis",
+    "cone_half_angle": "half angle of the cone of light at the image, on the axis",
+    "illuminance": "illuminance of a white diffuser's image on the axis",
+    "illuminance_grey": "illuminance of a grey diffuser's image on the axis",
     "dr_elgamal": "dynamic range, dark noise as smallest signal",
     "dr_emva": "dynamic range, SNR = 1 as smallest signal",
+    "dr_elgamal_stops": "dynamic range, dark noise as smallest signal",
+    "dr_emva_stops": "dynamic range, SNR = 1 as smallest signal",
+    "system_gain": "digital numbers per electron",
+    "exposure_time": "time of exposure",
+    "exposure_value": "log2 of squared f-number over time",
+    "saturation_iso": "saturation-based ISO speed",
+    "snr_18": "temporal signal-to-noise ratio of an 18 % grey card",
+    "snr10_illuminance": "illuminance of the scene at which an 18 % grey card has a signal-to-noise ratio of 10",
+    "defect_map": "0 good, 1 hot, 2 dead, 3 stuck",
+    "stuck_map": "0 good, 3 stuck",
 }
 
 
@@ -65,6 +85,14 @@ class Declaration:
             tail = self.dims[1:]
             return dims[len(dims) - len(tail) :] == tail
         return dims == self.dims
+
+    def leading(self, dims: tuple[str, ...]) -> tuple[str, ...]:
+        """The dims that ``...`` stands for, where an array with these dims is given to this port."""
+        return dims[: len(dims) - len(self.dims) + 1] if self.dims[:1] == ("...",) else ()
+
+    def led_by(self, leading: tuple[str, ...]) -> Declaration:
+        """The same with ``...`` replaced."""
+        return replace(self, dims=(*leading, *self.dims[1:])) if self.dims[:1] == ("...",) else self
 
 
 def parse_declaration(port: str, text: str) -> Declaration:

@@ -60,6 +60,6 @@ def check_illuminant(name: str, lowest: float, highest: float) -> None:
 
 
 def check_camera(name: str) -> None:
-    """Refuse an unknown camera; the path of a CSV table passes."""
-    if not name.endswith(".csv"):
-        require_name(name, tables("camera"), "camera", "the path of a CSV table")
+    """Refuse an unknown camera; the path of a CSV table and ``flat`` pass."""
+    if not name.endswith(".csv") and name != "flat":
+        require_name(name, tables("camera"), "camera", "the path of a CSV table, or flat")

@@ -12,10 +12,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import RGB, XYZ, Grid, Stage, hookimpl, param, quantity
+from etendue.api import RGB, XYZ, Grid, Labels, Stage, hookimpl, param, quantity
 from etendue.physics import colour, transfer
-from etendue.stages.exposure import dn_per_electron
-from etendue.stages.sensitivity import electrons_per_irradiance, quantum_efficiency
+from etendue.stages.crosstalk import mixing_of
+from etendue.stages.gain_chain import GainChain
+from etendue.stages.sensitivity import Collecting, electrons_per_irradiance, quantum_efficiency
 
 TABLE_EDGES = tuple(float(w) for w in range(380, 785, 5))
 SPACES = {"Von Kries": "von_kries_hpe_d65", "Bradford": "bradford", "CAT02": "cat02", "CAT16": "cat16"}
@@ -36,47 +37,60 @@ def white_of(name: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class White(Stage):
-    """The camera's linear signal of a perfect white diffuser on the axis: from the illuminant, noise-free."""
+class WhiteSignal(GainChain, Collecting):
+    """What a camera makes of a perfect white diffuser after a time."""
 
-    reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]"}
-    writes: ClassVar = {"white": "channel [1]"}
-    creates: ClassVar = {"channel": RGB}
-    nanoseconds: ClassVar = 100.0
-    libraries: ClassVar = ("colour-science",)
-
-    pixel_pitch: float = quantity("pixel_pitch")
-    aperture_fraction: float = quantity("aperture_fraction")
-    sensitivity: str = quantity("sensitivity")
-    sensitivity_kind: str = quantity("sensitivity_kind")
-    sensitivity_per: str = quantity("sensitivity_per")
-    peak_qe: tuple[float, ...] = quantity("peak_qe")
-    depletion_depth: float = quantity("depletion_depth")
-    diffusion_depth: float = quantity("diffusion_depth")
-    diffusion_length: float = quantity("diffusion_length")
-    surface_transmission: float = quantity("surface_transmission")
-    integration_time: float = quantity("integration_time")
-    full_well_density: float = quantity("full_well_density")
-    conversion_gain: float = quantity("conversion_gain")
-    black_level: float = quantity("black_level")
-    bits: int = quantity("bits")
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"white": Grid.of({"channel": Labels(self.channels)})}
 
     def prepare(self, coordinates: Any) -> Any:
-        return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
+        edges = tuple(coordinates["wavelength_edges"])
+        return electrons_per_irradiance(self, edges), edges
 
-    def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
-        electrons = (prepared * white_irradiance).sum(axis=1) * self.integration_time
-        return {"white": electrons * (dn_per_electron(self) / (2**self.bits - 1 - self.black_level))}
+    def after(self, time: float, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        rates = prepared[0] * white_irradiance
+        electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * time
+        return {"white": electrons * (self.dn_per_electron() / (2**self.bits - 1 - self.black_level))}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (2e-7 if precision == "float32" else 1e-15), "proved"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ColourFit(Stage):
+class White(WhiteSignal):
+    """The camera's linear signal of a perfect white diffuser on the axis: from the illuminant, noise-free."""
+
+    reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]"}
+    writes: ClassVar = {"white": "channel [1]"}
+    nanoseconds: ClassVar = 100.0
+    libraries: ClassVar = ("colour-science",)
+
+    integration_time: float = quantity("integration_time")
+
+    def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        return self.after(self.integration_time, white_irradiance, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhiteMetered(WhiteSignal):
+    """``white`` after the time that the metering has found."""
+
+    reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]", "exposure_time": "[s]"}
+    writes: ClassVar = {"white": "channel [1]"}
+    nanoseconds: ClassVar = 100.0
+    libraries: ClassVar = ("colour-science",)
+
+    def run(self, white_irradiance: Any, exposure_time: Any, prepared: Any) -> dict[str, Any]:
+        return self.after(float(exposure_time), white_irradiance, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColourFit(Collecting):
     """Least squares from white-balanced camera primaries to XYZ, over the ColorChecker under the scene's light.
 
     White is kept exactly. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the condition number.
+    For any number of channels: one gives luminance in the colour of the white, two a plane of colours, and the residual
+    says how far that is from the truth. Crosstalk behind the filters is in the camera's primaries, as it is in a picture.
     """
 
     reads: ClassVar = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
@@ -86,41 +100,45 @@ class ColourFit(Stage):
         "fit_residual": "[1]",
         "fit_condition": "[1] nan",  # no number where the white is a single colour
     }
-    creates: ClassVar = {"channel": RGB, "component": XYZ}
+    creates: ClassVar = {"component": XYZ}
     nanoseconds: ClassVar = 1000.0
     libraries: ClassVar = ("colour-science",)
 
-    sensitivity: str = quantity("sensitivity")
-    sensitivity_kind: str = quantity("sensitivity_kind")
-    sensitivity_per: str = quantity("sensitivity_per")
-    peak_qe: tuple[float, ...] = quantity("peak_qe")
-    depletion_depth: float = quantity("depletion_depth")
-    diffusion_depth: float = quantity("diffusion_depth")
-    diffusion_length: float = quantity("diffusion_length")
-    surface_transmission: float = quantity("surface_transmission")
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
 
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         centres = coordinates["wavelength"] * np.diff(coordinates["wavelength_edges"])
-        return quantum_efficiency(self, edges) * centres, spectra.colour_matching(edges), spectra.colorchecker(edges)[1], np.diff(edges)
+        response = quantum_efficiency(self, edges) * centres
+        return response, spectra.colour_matching(edges), spectra.colorchecker(edges)[1], edges
 
     def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
-        response, cmf, reflectance, width = prepared
+        response, cmf, reflectance, edges = prepared
         light = np.asarray(white_irradiance, dtype=float)
+        response = mixing_of(self, edges, response * light) @ response
         camera_white = response @ light
         if not np.all(camera_white > 0):
-            raise ValueError(f"the white has a dead channel (R, G, B = {camera_white}): look at the filter, the illuminant, peak_qe")
+            names = ", ".join(self.channels)
+            raise ValueError(f"the white has a dead channel ({names} = {camera_white}): look at the filter, the illuminant, peak_qe")
         samples = (reflectance * light) @ response.T / camera_white
-        scene = np.asarray(white_radiance, dtype=float) * width
+        scene = np.asarray(white_radiance, dtype=float) * np.diff(edges)
         white = cmf.T @ scene
         if not white[1] > 0:
             raise ValueError(f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths")
         targets = (reflectance * scene) @ cmf / white[1]
-        fit = colour.fit_matrix(samples, targets, white_sample=np.ones(3), white_target=white / white[1])
+        fit = colour.fit_matrix(samples, targets, white_sample=np.ones(len(response)), white_target=white / white[1])
         return {
             "colour_matrix": fit.matrix, "white_xyz": white / white[1],
             "fit_residual": np.array(fit.residual), "fit_condition": np.array(fit.condition),
         }  # fmt: skip
+
+    def warn(self, facts: Any, grids: Any) -> list[str]:
+        few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
+        count = len(self.channels)
+        if count > 2:
+            return []
+        return [f"the pattern {self.pattern!r} has {count} channel{'s' * (count > 1)}, too few for colour: {few[count]}; see fit_residual"]
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 1e-12), "fitted"
@@ -143,11 +161,15 @@ class CameraToXyz(Stage):
     highlights: str = param("neutral", choices=("neutral", "keep"), doc="what becomes of clipped channels")
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
+        found = {port: tuple(inputs[port]["channel"].values()) for port in ("rgb_camera", "white", "colour_matrix")}
+        if len(set(found.values())) > 1:
+            text = ", ".join(f"{port} {' '.join(map(str, names))}" for port, names in found.items())
+            raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit work on the same pattern")
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
     def run(self, rgb_camera: Any, white: Any, colour_matrix: Any) -> dict[str, Any]:
         if not np.all(white > 0):
-            raise ValueError(f"the white has a dead channel: R, G, B = {white}; look at the filter, the illuminant and peak_qe")
+            raise ValueError(f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe")
         balance = 1.0 / np.asarray(white, dtype=float)
         matrix = np.asarray(colour_matrix, dtype=float) * balance
         if self.highlights == "neutral":
@@ -287,6 +309,6 @@ class Encode(Stage):
 @hookimpl
 def etendue_stages() -> dict[str, type]:
     return {
-        "white": White, "colour_fit": ColourFit, "camera_to_xyz": CameraToXyz, "balance": Balance, "display": Display,
-        "to_xyz": ToXyz, "encode": Encode,
+        "white": White, "white_metered": WhiteMetered, "colour_fit": ColourFit, "camera_to_xyz": CameraToXyz, "balance": Balance,
+        "display": Display, "to_xyz": ToXyz, "encode": Encode,
     }  # fmt: skip

@@ -11,9 +11,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param, quantity
-from etendue.physics import diffraction, lens, radiometry
+from etendue.api import Facts, Grid, Stage, hookimpl, param
+from etendue.physics import annulus, lens
 from etendue.physics.sampling import on_unique_rows
+from etendue.physics.undershoot import undershoot
+from etendue.stages.conjugates import Conjugates
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,30 +49,42 @@ class Blur(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffraction(Blur):
-    """The perfect circular aperture (eqs. 2-4): its transfer function at every wavelength."""
+class Diffraction(Blur, Conjugates):
+    """The perfect circular aperture (eqs. 2-4), or one with a dark disc in its middle: its transfer function at every wavelength.
 
-    f_number: float = quantity("f_number")
-    magnification: float = quantity("magnification")
+    The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or ``t_number``.
+    """
+
+    radial: ClassVar = True
+    obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
-        number = float(radiometry.working_f_number(self.f_number, self.magnification))
-        return on_unique_rows(lambda rows: diffraction.circular_otf(np.hypot(rows, fx), wavelength, number), fy)
+        number = self.working_f_number()
+        return on_unique_rows(lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy)
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        grid = grids["irradiance"]
-        shortest = grid.bands().edges[0] * 1e-3
-        cutoff = 1.0 / (shortest * float(radiometry.working_f_number(self.f_number, self.magnification)))
-        nyquist = 0.5 / grid.line("x").step
-        if facts.uniform or facts.band_limit is None or min(cutoff, facts.band_limit) <= 1.001 * nyquist:
-            return []
-        return [f"the grid of {grid.line('x').step:g} um is too coarse for what the lens passes; give the scene a smaller spacing"]
+        return too_coarse(facts, grids["irradiance"], self.working_f_number())
+
+
+def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
+    """A note where the lens passes, and the scene holds, frequencies that the grid does not carry."""
+    cutoff = 1.0 / (grid.bands().edges[0] * 1e-3 * f_number)
+    step = grid.line("x").step
+    if facts.uniform or facts.band_limit is None or min(cutoff, facts.band_limit) <= 1.001 * 0.5 / step:
+        return []
+    ratios = {round(0.5e-3 * wavelength * f_number / step, 2) for wavelength in grid.bands().values()}
+    point, scene = (max(found) for found in zip(*(undershoot(max(ratio, 0.01)) for ratio in ratios), strict=True))
+    return [
+        f"the grid of {step:g} um is too coarse for what the lens passes: behind a clear aperture a point falls up to {point:.2%} of its "
+        f"peak below zero, and any light up to {scene:.1%} of the brightest; give the scene a smaller spacing, or light = 'cells'"
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class LensGaussian(Blur):
     """A Gaussian lens blur, the same at every wavelength."""
 
+    radial: ClassVar = True
     sigma: float = param(0.8, units="um", at_least=0, doc="rms width of the point spread function along one axis")
 
     def changes_nothing(self) -> bool:
@@ -84,6 +98,7 @@ class LensGaussian(Blur):
 class LensPsf(Blur):
     """A measured, radially symmetric point spread function from a CSV table ``radius_um,psf``."""
 
+    radial: ClassVar = True
     gain: ClassVar[float | None] = None  # of a ring it has no bound that holds for every grid
 
     file: str = param(file=True, doc="CSV with columns radius_um, psf")

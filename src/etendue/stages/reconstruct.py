@@ -1,4 +1,4 @@
-"""Reconstruction: mosaic to three linear channels, and sharpening.
+"""Reconstruction: mosaic to full linear channels, and sharpening.
 
 In:  ``mosaic_linear`` (y, x), 1 at clipping.
 Out: ``rgb_camera`` (channel, y, x), linear, in the camera's own primaries.
@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Facts, Grid, Stage, hookimpl, param, quantity
-from etendue.physics import demosaic, restoration
+from etendue.api import RGB, Facts, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.physics import cfa, demosaic, demosaic_any, restoration
+from etendue.stages.masks import bayer_order, first_pixel, mask_of
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Demosaic(Stage):
-    """Three channels at every pixel from one."""
+    """Three channels at every pixel from one, of a Bayer array."""
 
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
@@ -23,6 +24,13 @@ class _Demosaic(Stage):
     negative: ClassVar = "keep"
 
     pattern: str = quantity("pattern")
+
+    def __post_init__(self) -> None:
+        bayer_order(self.pattern, "this demosaicer")
+
+    def seen(self, y: Any, x: Any) -> str:
+        """The Bayer order as the window sees it, which may start on odd rows and columns."""
+        return cfa.shifted_bayer(bayer_order(self.pattern, "this demosaicer"), *first_pixel(y, x))
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
@@ -36,8 +44,8 @@ class DemosaicNearest(_Demosaic):
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 2.0
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
-        return {"rgb_camera": demosaic.nearest(mosaic_linear, self.pattern)}
+    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+        return {"rgb_camera": demosaic.nearest(mosaic_linear, self.seen(y, x))}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +55,8 @@ class DemosaicBilinear(_Demosaic):
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 5.0
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
-        return {"rgb_camera": demosaic.bilinear(mosaic_linear, self.pattern)}
+    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+        return {"rgb_camera": demosaic.bilinear(mosaic_linear, self.seen(y, x))}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +66,34 @@ class DemosaicColourDifference(_Demosaic):
     gain: ClassVar = 3.0  # |R| <= |G| + |K|, |K| <= |R| + |G|, each of gain 1
     nanoseconds: ClassVar = 10.0
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
-        return {"rgb_camera": demosaic.colour_difference(mosaic_linear, self.pattern)}
+    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+        return {"rgb_camera": demosaic.colour_difference(mosaic_linear, self.seen(y, x))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemosaicAny(Stage):
+    """Piecewise-linear between the nearest samples of each channel, for any colour filter array; on Bayer it is the bilinear one."""
+
+    reads: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+    gain: ClassVar = 1.0  # weights are not negative and sum to 1
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 10.0
+
+    pattern: str = quantity("pattern")
+
+    def __post_init__(self) -> None:
+        mask_of(self.pattern)
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"rgb_camera": inputs["mosaic_linear"].replace(channel=Labels(mask_of(self.pattern).channels))}
+
+    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+        return {"rgb_camera": demosaic_any.linear(mosaic_linear, mask_of(self.pattern), *first_pixel(y, x))}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
+        return (1e-6 if precision == "float32" else 3e-15), "measured"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,5 +122,5 @@ class Sharpen(Stage):
 def etendue_stages() -> dict[str, type]:
     return {
         "demosaic_nearest": DemosaicNearest, "demosaic_bilinear": DemosaicBilinear,
-        "demosaic_colour_difference": DemosaicColourDifference, "sharpen": Sharpen,
+        "demosaic_colour_difference": DemosaicColourDifference, "demosaic_any": DemosaicAny, "sharpen": Sharpen,
     }  # fmt: skip

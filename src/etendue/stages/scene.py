@@ -37,6 +37,10 @@ class Scene(Stage):
         1.0, units="um", above=0, fidelity=True, reference="half the spacing",
         doc="distance between samples; half of it resolves twice the frequency",
     )  # fmt: skip
+    light: str = param(
+        "bandlimited", choices=("bandlimited", "cells"),
+        doc="a value is a sample of band-limited light, or the mean over a grid cell: points, hard edges, coarse grids",
+    )  # fmt: skip
     centre_y: float = param(0.0, units="mm", doc="position of the window's centre from the axis")
     centre_x: float = param(0.0, units="mm", doc="position of the window's centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
@@ -58,7 +62,7 @@ class Scene(Stage):
         lines = {}
         for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
             size = max(1, round(length / self.spacing))
-            lines[dim] = Line(size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing)
+            lines[dim] = Line(size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing, cells=self.light == "cells")
         return Grid.of({"wavelength": Bands(self.edges()), **lines})
 
     def known(self) -> Facts:
@@ -66,13 +70,19 @@ class Scene(Stage):
         raise TypeError(f"{type(self).__name__} must say what is known of it")
 
     def band_limit(self) -> float | None:
-        """Frequency at which the rendering leaves a hundredth; that of the samples where nothing else is known."""
+        """Frequency at which the rendering leaves a hundredth; not known where nothing limits it."""
         softness = self.softness_um(getattr(self, "softness", 0.0))
         return math.sqrt(0.5 * math.log(100.0)) / (math.pi * softness) if softness > 0 else None
 
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
-        return replace(self.known(), band_limit=self.band_limit()), {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+        limit = self.band_limit() if self.light == "bandlimited" else None
+        return replace(self.known(), band_limit=limit), {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if self.light == "cells" or facts.uniform or getattr(self, "softness", 1.0) > 0:
+            return []
+        return ["without softness nothing limits the band of its edges; give it some, or light = 'cells'"]
 
     def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
         """Tables are interpolated to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
@@ -83,8 +93,19 @@ class Scene(Stage):
         relative = spectra.illuminant(self.illuminant, edges)
         return relative * spectra.absolute_scale(relative, edges, self.white_luminance)
 
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[bands]
+
+    def constants(self, prepared: Any) -> dict[str, Any]:
+        return {"white_radiance": prepared[0] if isinstance(prepared, tuple) else prepared}
+
     def softness_um(self, softness: float) -> float:
         return softness * self.spacing
+
+    @property
+    def cell(self) -> float:
+        """Side of the cells over which values are means, um; 0 where they are samples."""
+        return self.spacing if self.light == "cells" else 0.0
 
     def centred(self, y: Any, x: Any) -> tuple[Any, Any]:
         return y - self.centre_y * 1e3, x - self.centre_x * 1e3
@@ -97,7 +118,7 @@ class Scene(Stage):
 def _softness() -> Any:
     return param(
         1.0, at_least=0, fidelity=True, reference="the ideal chart",
-        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly",
+        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
     )  # fmt: skip
 
 
@@ -134,7 +155,9 @@ class SlantedEdge(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        return self.grey(charts.slanted_edge(y, x, self.angle, self.low, self.high, self.softness_um(self.softness)), prepared)
+        return self.grey(
+            charts.slanted_edge(y, x, self.angle, self.low, self.high, self.softness_um(self.softness), cell=self.cell), prepared
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +175,7 @@ class SiemensStar(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        star = charts.siemens_star(y, x, self.cycles, self.radius, self.low, self.high, self.softness_um(self.softness))
+        star = charts.siemens_star(y, x, self.cycles, self.radius, self.low, self.high, self.softness_um(self.softness), self.cell)
         return self.grey(star, prepared)
 
 
@@ -171,7 +194,9 @@ class ZonePlate(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        plate = charts.zone_plate(y, x, self.highest_frequency, self.radius, self.low, self.high, self.softness_um(self.softness))
+        plate = charts.zone_plate(
+            y, x, self.highest_frequency, self.radius, self.low, self.high, self.softness_um(self.softness), self.cell
+        )
         return self.grey(plate, prepared)
 
 
@@ -190,7 +215,7 @@ class StepWedge(Scene):
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
         levels = np.geomspace(self.low, self.high, self.steps)
-        wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.softness_um(self.softness))
+        wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.softness_um(self.softness), self.cell)
         return self.grey(wedge, prepared)
 
 
@@ -211,7 +236,7 @@ class Points(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        spots = charts.points(y, x, self.pitch, self.spot_sigma, self.background, self.peak, self.softness_um(self.softness))
+        spots = charts.points(y, x, self.pitch, self.spot_sigma, self.background, self.peak, self.softness_um(self.softness), self.cell)
         return self.grey(spots, prepared)
 
 
@@ -222,6 +247,9 @@ class _Coloured(Scene):
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.colorchecker(edges)[1]
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0][bands], prepared[1][:, bands]
 
     def known(self) -> Facts:
         # The darkest patch of the chart reflects 0.029 at least and the lightest 0.93 at most, at every wavelength.
@@ -241,7 +269,7 @@ class ColorChecker(_Coloured):
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
         rows, columns = charts_composite.patches_factors(
-            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.softness_um(self.softness)
+            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.softness_um(self.softness), self.cell
         )
         cube = charts_composite.patch_contribution(rows, columns, reflectance)
         cube = cube + self.background * charts_composite.background_weight(rows, columns)
@@ -270,6 +298,7 @@ class CompositeChart(_Coloured):
         chart = charts_composite.composite(
             y, x, self.width - 2 * self.margin, self.height - 2 * self.margin, self.softness_um(self.softness),
             highest_frequency=self.highest_frequency, low=self.low, high=self.high, angle_deg=self.angle, cycles=self.cycles,
+            cell=self.cell,
         )  # fmt: skip
         cube = charts_composite.patch_contribution(chart.rows, chart.columns, reflectance)
         cube += chart.grey
@@ -332,10 +361,16 @@ class Photograph(Scene):
         edges = tuple(coordinates["out_wavelength_edges"])
         return super().prepare(coordinates), spectra.upsampling_basis(edges)
 
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0][bands], prepared[1][bands]
+
     def run(self, prepared: Any) -> dict[str, Any]:
         white, basis = prepared
         linear = _linear_photograph(self.file, *self.size())
-        cube = np.tensordot(np.maximum(basis, 0.0) * white[:, None], linear, axes=1)
+        weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
+        cube = weights[:, 0] * linear[0]  # not a matrix product: its bits would hang on the number of bands
+        cube += weights[:, 1] * linear[1]
+        cube += weights[:, 2] * linear[2]
         return {"radiance": cube, "white_radiance": white}
 
 

@@ -1,84 +1,162 @@
-"""Quantum efficiency of a sensor's channels from a sensitivity table: shared by the pixel, the white and the colour fit."""
+"""Quantum efficiency of a sensor's channels from a sensitivity table: shared by the pixel, the white and the colour fit.
+
+In:  camera quantities of filters and photodiode; the colour filter array; bin edges, nm.
+Out: electrons per photon and per irradiance, (channel, wavelength), in the order of the mask's channels.
+"""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from etendue import spectra
+from etendue.api import Stage, quantity
 from etendue.physics import photodiode, silicon
 from etendue.physics.radiometry import photons_from_energy
+from etendue.stages.masks import mask_of
+
+FLAT = "flat"  # the sensitivity that is the same for photons of every wavelength
+CLEAR = "WC"  # letters of pixels without a filter
+WORDS = {"red": "R", "green": "G", "blue": "B", "white": "W", "clear": "C"}
+CAMERA_COLUMNS = ("R", "G", "B")
+FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is looked for
 
 
-class Photodiode(Protocol):
-    """A stage that knows its photodiode and filters."""
+@dataclass(frozen=True, kw_only=True)
+class Sensitive(Stage):
+    """A stage that knows filters and photodiode."""
+
+    pattern: str = quantity("pattern")
+    sensitivity: str = quantity("sensitivity")
+    sensitivity_kind: str = quantity("sensitivity_kind")
+    sensitivity_per: str = quantity("sensitivity_per")
+    peak_qe: tuple[float, ...] = quantity("peak_qe")
+    depletion_depth: float = quantity("depletion_depth")
+    diffusion_depth: float = quantity("diffusion_depth")
+    diffusion_length: float = quantity("diffusion_length")
+    back: str = quantity("back")
+    surface_transmission: float = quantity("surface_transmission")
+
+    def __post_init__(self) -> None:
+        spectra.check_camera(self.sensitivity)
+        channels = self.channels
+        if len(self.peak_qe) not in (1, len(channels)):
+            raise ValueError(
+                f"peak_qe has {len(self.peak_qe)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
+                f"{', '.join(channels)}; give one value for each, or one for all"
+            )
+        if not self.sensitivity.endswith(".csv") and self.sensitivity != FLAT:
+            _columns_of(self, CAMERA_COLUMNS)
 
     @property
-    def sensitivity(self) -> str: ...
-    @property
-    def sensitivity_kind(self) -> str: ...
-    @property
-    def sensitivity_per(self) -> str: ...
-    @property
-    def peak_qe(self) -> tuple[float, ...]: ...
-    @property
-    def surface_transmission(self) -> float: ...
-    @property
-    def depletion_depth(self) -> float: ...
-    @property
-    def diffusion_depth(self) -> float: ...
-    @property
-    def diffusion_length(self) -> float: ...
+    def channels(self) -> tuple[str, ...]:
+        """Letters of the sensor's channels in the order of its planes."""
+        return mask_of(self.pattern).channels
 
 
-class Pixel(Photodiode, Protocol):
-    """One that knows the pixel's size as well."""
+@dataclass(frozen=True, kw_only=True)
+class Collecting(Sensitive):
+    """One that knows the pixel as well."""
 
-    @property
-    def pixel_pitch(self) -> float: ...
-    @property
-    def aperture_fraction(self) -> float: ...
+    pixel_pitch: float = quantity("pixel_pitch")
+    aperture_fraction: float = quantity("aperture_fraction")
+    aperture_offset_y: float = quantity("aperture_offset_y")
+    aperture_offset_x: float = quantity("aperture_offset_x")
+    microlens_gain: float = quantity("microlens_gain")
+    crosstalk: str = quantity("crosstalk")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        room = 0.5 * (1 - self.aperture_fraction)
+        for name, offset in (("aperture_offset_y", self.aperture_offset_y), ("aperture_offset_x", self.aperture_offset_x)):
+            if abs(offset) > room + 1e-12:
+                raise ValueError(
+                    f"{name} = {offset:g} moves the light-sensitive square out of its pixel: with aperture_fraction = "
+                    f"{self.aperture_fraction:g} it may move by {room:g} pitches"
+                )
+        fill = self.aperture_fraction**2
+        if self.microlens_gain * fill > 1 + 1e-12:
+            raise ValueError(
+                f"microlens_gain = {self.microlens_gain:g} times the fill factor {fill:.3g} is above 1, but a microlens collects no more "
+                f"than the light on its pixel: {1 / fill:.4g} at most"
+            )
 
 
-def quantum_efficiency(stage: Photodiode, edges: tuple[float, ...]) -> Any:
+def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
+    """For each channel its column in a table with these names; None for a clear pixel that needs none."""
+    channels = mask_of(stage.pattern).channels
+    if len(channels) == len(names) == 1:
+        return [0]
+    letters = [WORDS.get(name.casefold(), name.upper()) for name in names]
+    found: list[int | None] = []
+    for channel in channels:
+        if channel in letters:
+            found.append(letters.index(channel))
+        elif channel in CLEAR and stage.sensitivity_kind == "filter_transmittance":
+            found.append(None)
+        else:
+            clear = ", or take sensitivity_kind = 'filter_transmittance', where a clear pixel needs none" if channel in CLEAR else ""
+            raise ValueError(
+                f"the pattern {stage.pattern!r} has a channel {channel}, but the sensitivity {stage.sensitivity!r} has columns "
+                f"{', '.join(names)} only; give the path of a CSV table with a column {channel}{clear}"
+            )
+    return found
+
+
+def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
     """Electrons per photon that arrives, (channel, wavelength), at zero spatial frequency.
 
-    A relative table is brought to ``peak_qe`` per channel. ``system_qe`` tables hold the silicon already;
-    ``filter_transmittance`` tables are multiplied by the collection D(0) and the surface transmission.
+    A relative table is brought to ``peak_qe`` per channel at its own peak, whichever bins the light has; a clear pixel
+    without a column transmits everything.
+    ``system_qe`` tables hold the silicon already; ``filter_transmittance`` tables are multiplied by the collection D(0)
+    and the surface transmission.
     """
-    if stage.sensitivity.endswith(".csv"):
-        names, table = spectra.table_from_csv(stage.sensitivity, edges)
-        if table.shape[1] != 3:
-            raise ValueError(f"the sensitivity table needs three columns behind wavelength_nm, it has {', '.join(names)}")
-    else:
-        _, table = spectra.camera_sensitivity(stage.sensitivity, edges)
-    centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
-    if stage.sensitivity_per == "energy":
-        table = table / centres[:, None]
-    peaks = table.max(axis=0)
-    if not np.all(peaks > 0):
+    if stage.sensitivity == FLAT:
+        return _of_the_silicon(stage, edges, np.ones((len(mask_of(stage.pattern).channels), len(edges) - 1)))
+    read = spectra.table_from_csv if stage.sensitivity.endswith(".csv") else spectra.camera_sensitivity
+    names, table = read(stage.sensitivity, edges)
+    columns = _columns_of(stage, tuple(names))
+    relative, highest = (_relative(stage, columns, *part) for part in ((table, edges), (read(stage.sensitivity, FINE)[1], FINE)))
+    peaks = highest.max(axis=1, keepdims=True)
+    if not np.all(relative.max(axis=1) > 0):
         raise ValueError(f"the sensitivity {stage.sensitivity!r} has a channel that sees nothing in {edges[0]:g}-{edges[-1]:g} nm")
-    efficiency = (table / peaks * np.array(stage.peak_qe)).T
+    return _of_the_silicon(stage, edges, relative / peaks)
+
+
+def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
+    """Curves with a peak of 1 to electrons per photon: ``peak_qe``, and where the table knows filters alone, collection and surface."""
+    efficiency = relative * np.broadcast_to(np.array(stage.peak_qe), relative.shape[0])[:, None]
     if stage.sensitivity_kind == "filter_transmittance":
+        centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
         efficiency = efficiency * collection_at_zero(stage, centres) * stage.surface_transmission
     return efficiency
 
 
-def collection_at_zero(stage: Photodiode, wavelength_nm: Any) -> Any:
+def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[float, ...]) -> Any:
+    """(channel, wavelength): the columns of the channels, per photon up to a factor."""
+    centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
+    found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
+    if stage.sensitivity_per == "energy":
+        measured = np.array([column is not None for column in columns])
+        found[measured] = found[measured] / centres
+    return found
+
+
+def collection_at_zero(stage: Any, wavelength_nm: Any) -> Any:
     """D(0) by wavelength."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
-    return np.array(
-        [
-            float(photodiode.collection(np.array(0.0), float(a), stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length))
-            for a in alphas
-        ]
-    )
+    diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
+    return np.array([float(photodiode.collection(0.0, float(a), *diode)) for a in alphas])
 
 
-def electrons_per_irradiance(stage: Pixel, edges: tuple[float, ...]) -> Any:
-    """(channel, wavelength): electron/s of a pixel per W m-2 nm-1 in each bin: width x lambda/hc x area x efficiency."""
+def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
+    """(channel, wavelength): electron/s of a pixel per W m-2 nm-1 in each bin: width x lambda/hc x area x efficiency.
+
+    The area is that of the light-sensitive square, times the gain of its microlens.
+    """
     bounds = np.array(edges)
     centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
-    area = (stage.pixel_pitch * stage.aperture_fraction * 1e-6) ** 2
+    area = (stage.pixel_pitch * stage.aperture_fraction * 1e-6) ** 2 * stage.microlens_gain
     return quantum_efficiency(stage, edges) * (widths * photons_from_energy(1.0, centres * 1e-3) * area)

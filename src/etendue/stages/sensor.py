@@ -1,7 +1,7 @@
-"""The sensor: light to photocurrent, in front of exposure.
+"""The sensor: light on the photodiodes, behind each filter.
 
 In:  ``irradiance`` on the image-plane grid (um).
-Out: ``photon_rate`` (channel, y, x) and ``photocurrent`` (y, x), electron/s, on the pixel grid.
+Out: ``photon_rate`` (channel, y, x), electron/s, on the pixel grid.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue import spectra
-from etendue.api import RGB, Facts, Grid, Line, Stage, hookimpl, param, quantity
-from etendue.physics import mosaic, photodiode, silicon
+from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quantity
+from etendue.physics import expansion, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
-from etendue.stages.sensitivity import electrons_per_irradiance
+from etendue.stages.sensitivity import Collecting, electrons_per_irradiance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,36 +25,30 @@ class Diffusion(Stage):
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off
+    radial: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
 
     depletion_depth: float = quantity("depletion_depth")
     diffusion_depth: float = quantity("diffusion_depth")
     diffusion_length: float = quantity("diffusion_length")
-    back: str = param("absorbing", choices=("absorbing", "reflecting"), doc="what happens to electrons at the back")
+    back: str = quantity("back")
+    crosstalk: str = quantity("crosstalk")
+    nodes: int = param(
+        4096, at_least=0, at_most=1_000_000, fidelity=True, reference="0: evaluated at every frequency",
+        doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
+    )  # fmt: skip
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        if self.crosstalk == "through_filter":
+            return np.ones((1, np.size(fy), np.size(fx)))
         alphas = silicon.absorption(np.ravel(wavelength))
-
-        def rows(some: Any) -> Any:
-            radial = np.hypot(some, fx)
-            return np.stack(
-                [
-                    photodiode.collection_mtf(
-                        radial,
-                        float(a),
-                        self.depletion_depth,
-                        self.diffusion_depth,
-                        self.diffusion_length,
-                        self.back,  # type: ignore[arg-type]
-                    )
-                    for a in alphas
-                ]
-            )
-
-        return on_unique_rows(rows, fy)
+        diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
+        return on_unique_rows(lambda rows: photodiode.collection_mtf_bands(np.hypot(rows, fx), alphas, *diode, self.nodes), fy)  # type: ignore[arg-type]
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        if self.crosstalk == "through_filter":
+            return 0.0, "charge diffuses behind the filters (crosstalk = through_filter): stage crosstalk, after the mosaic"
         return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
@@ -63,11 +56,12 @@ class Diffusion(Stage):
         return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        return (1e-6 if precision == "float32" else 2e-14), "measured"
+        table = 1e-12 * (4096 / self.nodes) ** 4 if self.nodes else 0.0
+        return table + (1e-6 if precision == "float32" else 2e-14), "fitted" if table else "measured"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pixel(Stage):
+class Pixel(Collecting):
     """Light on each pixel's photodiode, summed over wavelength, at the pixel centres.
 
     What lies beyond the pixel's Nyquist frequency folds back: aliasing is part of the answer. The number of pixels
@@ -82,16 +76,6 @@ class Pixel(Stage):
     nanoseconds: ClassVar = 8.0
     libraries: ClassVar = ("colour-science",)
 
-    pixel_pitch: float = quantity("pixel_pitch")
-    aperture_fraction: float = quantity("aperture_fraction")
-    sensitivity: str = quantity("sensitivity")
-    sensitivity_kind: str = quantity("sensitivity_kind")
-    sensitivity_per: str = quantity("sensitivity_per")
-    peak_qe: tuple[float, ...] = quantity("peak_qe")
-    depletion_depth: float = quantity("depletion_depth")
-    diffusion_depth: float = quantity("diffusion_depth")
-    diffusion_length: float = quantity("diffusion_length")
-    surface_transmission: float = quantity("surface_transmission")
     sampling: str = param("physical", choices=("physical", "paper"), doc="pixels of their own, or one scene sample = one pixel")
     rows: int = param(0, at_least=0, doc="pixels along y; 0: as many as the sensor's size or the light hold")
     columns: int = param(0, at_least=0, doc="pixels along x")
@@ -101,9 +85,10 @@ class Pixel(Stage):
     first_column: int = param(0, doc="first column of the window that is read")
     window_rows: int = param(0, at_least=0, doc="rows of the window; 0: all")
     window_columns: int = param(0, at_least=0, doc="columns of the window; 0: all")
-
-    def __post_init__(self) -> None:
-        spectra.check_camera(self.sensitivity)
+    wavelength_terms: int = param(
+        0, at_least=0, at_most=12, fidelity=True, reference="0: every band its own transform",
+        doc="terms of the expansion of the transfer function over wavelength; 2 to 4 serve most lenses faster than all bands",
+    )  # fmt: skip
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]
@@ -113,7 +98,7 @@ class Pixel(Stage):
                 light.line("x"), self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"
             ),
         }
-        return {"photon_rate": Grid.of({"channel": RGB, **lines})}
+        return {"photon_rate": Grid.of({"channel": Labels(self.channels), **lines})}
 
     def _line(self, light: Line, count: int, size_mm: float, first: int, window: int, what: str, size_name: str) -> Line:
         if self.sampling == "paper":
@@ -143,7 +128,10 @@ class Pixel(Stage):
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
         width = self.pixel_pitch * self.aperture_fraction
-        return (photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width))[None]
+        aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
+        if self.aperture_offset_y == 0 == self.aperture_offset_x:
+            return aperture[None]
+        return (aperture * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx)))[None]
 
     def weights(self, prepared: Any) -> Any:
         return prepared
@@ -152,29 +140,58 @@ class Pixel(Stage):
         """Of the sum over wavelength and the evaluation between samples: 3e-6 at worst, up to 1024 x 1500."""
         return (5e-6 if precision == "float32" else 2e-14), "measured"
 
+    def segment_error(self, before: tuple[Stage, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """With an expansion: what it leaves out of light equally strong in every band, at the frequency where that is most."""
+        bound, how = self.error(facts, grid, precision)
+        if not self.wavelength_terms or not before:
+            return bound, how
+        edges = grid["irradiance"].bands().edges
+        highest = 0.5 * math.hypot(1 / grid["irradiance"].line("y").step, 1 / grid["irradiance"].line("x").step)
+        frequency = np.linspace(0.0, highest, expansion.FITTED)
+        transfer, passed = joined_transfer(before, frequency, edges), self.passed(frequency)
+        weights = electrons_per_irradiance(self, edges)
+        basis = expansion.wavelength_basis(weights, min(self.wavelength_terms, len(edges) - 1), transfer, passed)
+        return bound + float((passed * expansion.expansion_residual(weights, transfer, basis).max(axis=0)).max()), "fitted"
+
+    def passed(self, frequency: Any) -> Any:
+        """The largest value of the aperture's transfer function at a radial frequency, over all directions."""
+        width = self.pixel_pitch * self.aperture_fraction
+        found = np.zeros_like(frequency)
+        for angle in np.linspace(0, math.pi / 4, 7):
+            along, across = math.cos(angle) * frequency, math.sin(angle) * frequency
+            found = np.maximum(found, np.abs(photodiode.aperture_otf(along, width) * photodiode.aperture_otf(across, width)))
+        return found
+
     def carry(self, facts: Any, grid: Any) -> Facts:
         return Facts(uniform=facts["irradiance"].uniform, contrast=None)
 
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if self.crosstalk != "per_plane" or facts.uniform or len(self.channels) == 1:
+            return []
+        middle = min(grids["irradiance"].bands().values(), key=lambda w: abs(w - 555))
+        alpha = float(silicon.absorption(middle * 1e-3))
+        diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
+        left = float(photodiode.collection_mtf(0.5 / self.pixel_pitch, alpha, *diode))  # type: ignore[arg-type]
+        if self.pixel_pitch >= 3 and left >= 0.8:
+            return []
+        return [
+            "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast left at their Nyquist "
+            "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has that"
+        ]
 
-@dataclass(frozen=True, kw_only=True)
-class Mosaic(Stage):
-    """The colour filter array: each pixel keeps one channel."""
 
-    reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
-    writes: ClassVar = {"photocurrent": "y x [electron/s]"}
-    gain: ClassVar = 1.0
-    negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 1.0
-
-    pattern: str = quantity("pattern")
-
-    def run(self, photon_rate: Any) -> dict[str, Any]:
-        return {"photocurrent": mosaic.pick(photon_rate, self.pattern)}
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        return 0.0, "proved"
+def joined_transfer(stages: tuple[Any, ...], frequency: Any, edges: tuple[float, ...]) -> Any:
+    """(wavelength, frequency): the product of the transfer functions of some stages along x."""
+    wavelength = 0.5e-3 * (np.array(edges[:-1]) + np.array(edges[1:]))[:, None, None]
+    product = np.ones((wavelength.size, 1, frequency.size))
+    for stage in stages:
+        given = [np.zeros((1, 1)), frequency[None, :], wavelength]
+        if hasattr(stage, "prepare"):
+            given.append(stage.prepare({"wavelength_edges": np.array(edges), "wavelength": 1e3 * wavelength.ravel()}))
+        product = product * stage.transfer(*given)
+    return product[:, 0]
 
 
 @hookimpl
 def etendue_stages() -> dict[str, type]:
-    return {"diffusion": Diffusion, "pixel": Pixel, "mosaic": Mosaic}
+    return {"diffusion": Diffusion, "pixel": Pixel}

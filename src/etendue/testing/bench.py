@@ -213,7 +213,7 @@ class Bench:
             values = np.ones(shape)
         else:
             values = spread
-        values = values * {"tiny": 1e-30 / full, "huge": 1e6}.get(what, 1.0)
+        values = np.asarray(values * {"tiny": 1e-30 / full, "huge": 1e6}.get(what, 1.0))
         if what in ("point", "hole") and values.size:
             values[tuple(size // 2 for size in shape)] = 1.0 if what == "point" else 0.0
         values = np.asarray(values * full)

@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from etendue.run.bands import run_bands
 from etendue.run.segments import transfer_of
 from etendue.run.tables import prepared_of
 from etendue.spec.grid import Grid
@@ -352,6 +353,32 @@ class StageConformance:
             weights = np.asarray(bench.stage.weights(prepared))
             right = weights.ndim == 2 and weights.shape[1] == len(EDGES) - 1 and bool(np.isfinite(weights).all())
             hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(EDGES) - 1}), or is not finite")
+
+    def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
+        """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some wavelengths."""
+        bench = self.bench
+        if is_transfer(bench.kind):
+            grids = bench.input_grids()
+            prepared = prepared_of(bench.stage, grids, bench.job().grids)
+            given = [np.linspace(-0.6, 0.6, 5)[:, None], np.linspace(-0.4, 0.9, 6)[None, :]]
+            wavelength = 0.5e-3 * (np.array(EDGES[:-1]) + np.array(EDGES[1:]))[:, None, None]
+            last = [] if prepared is None else [prepared]
+            whole = np.asarray(bench.stage.transfer(*given, wavelength, *last))  # type: ignore[attr-defined]
+            one = np.asarray(bench.stage.transfer(*given, wavelength[2:3], *last))  # type: ignore[attr-defined]
+            wanted = whole[2] if whole.ndim == 3 and whole.shape[0] > 1 else whole.reshape(one.shape[-2:])
+            apart = np.abs(one.reshape(wanted.shape) - wanted).max()
+            hold(apart <= 1e-12, f"{bench.name}.transfer at one wavelength is {apart:.2g} from its value among others")
+        if not hasattr(bench.stage, "by_band"):
+            return
+        job = bench.job()
+        given_arrays = bench.given(bench.arrays("ordinary"), "float64")
+        whole_run = bench.result(bench.arrays("ordinary")).arrays
+        for bands in (slice(0, 1), slice(2, 4)):
+            part = run_bands(job, given_arrays, bands)
+            for variable, declaration in bench.writes.items():
+                if declaration.dims[:1] == ("wavelength",):
+                    same = np.array_equal(np.asarray(part[variable], dtype="float64"), whole_run[variable][bands])
+                    hold(same, f"{bench.name} by band gives other values of {variable} than all bands together")
 
     def test_carried_facts_are_true_of_what_is_written(self) -> None:
         """Range, uniformity and contrast of the first variable; of a source, what ``describe`` says."""

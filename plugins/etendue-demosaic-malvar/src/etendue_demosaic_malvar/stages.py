@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Stage, hookimpl, quantity
+from etendue.physics import cfa
 from etendue_demosaic_malvar.kernel import malvar
 
 
@@ -26,8 +27,18 @@ class DemosaicMalvar(Stage):
 
     pattern: str = quantity("pattern")
 
-    def run(self, mosaic_linear: Any) -> dict[str, Any]:
-        return {"rgb_camera": malvar(mosaic_linear, self.pattern)}
+    def __post_init__(self) -> None:
+        self.order(0, 0)
+
+    def order(self, row: int, column: int) -> str:
+        """The Bayer order as a window sees it that starts at this pixel of the sensor."""
+        name = None if self.pattern.endswith(".csv") else cfa.parse(self.pattern).bayer
+        if name is None:
+            raise ValueError(f"demosaic_malvar knows {', '.join(cfa.BAYER)} only, and the pattern is {self.pattern!r}; use demosaic_any")
+        return cfa.shifted_bayer(name, row, column)
+
+    def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
+        return {"rgb_camera": malvar(mosaic_linear, self.order(round(float(y[0])), round(float(x[0]))))}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""

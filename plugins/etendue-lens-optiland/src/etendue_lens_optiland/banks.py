@@ -1,0 +1,172 @@
+"""What a lens does to a picture, as tables: point spread functions, distortion, relative illumination.
+
+In:  a ``Lens``, field angles or the size of a frame, wavelengths.
+Out: a ``PsfBank``; curves over the image height.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from etendue.physics.psf_bank import PsfBank
+from etendue_lens_optiland import pupil
+from etendue_lens_optiland.lens import Lens
+
+FloatArray = NDArray[np.floating]
+
+LARGEST_PICTURE, LARGEST_PUPIL = 1023, 1024
+BRIGHTEST = 1.5
+"""Of relative illumination: a pupil that grows by more towards the corner is refused."""
+_FINER = 0.85  # spacing of a picture's samples over that which its finest detail needs
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """A bank and how it came about.
+
+    Attributes
+    ----------
+    bank : PsfBank
+    enclosed : (K, L) array, 1
+        Share of a picture's flux within its window; the bank scales each to 1.
+    samples : int
+        Cells across the pupil, as many as asked for or as the window needs.
+    """
+
+    bank: PsfBank
+    enclosed: FloatArray
+    samples: int
+
+
+def tangents_of(degrees: Any) -> FloatArray:
+    """Tangents of field angles.
+
+    Raises
+    ------
+    ValueError
+        Unless the angles grow from 0 or above to below 89 degrees.
+    """
+    angles = np.asarray(degrees, dtype=float)
+    if angles.ndim != 1 or angles.size < 1 or not np.all(np.diff(angles) > 0) or angles[0] < 0 or angles[-1] >= 89:
+        raise ValueError(f"fields are {list(degrees)}; they must grow, from 0 or above to below 89 degrees")
+    return np.tan(np.radians(angles))
+
+
+def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pupil.Bundle:
+    """A bundle in which the phase of neighbouring rays differs by at most about 1 rad: ``samples`` cells across, or up to 512."""
+    bundle = lens.bundle(tangent, wavelength, samples)
+    needed = math.ceil(samples * 2.0 * math.pi * bundle.spread / min(pupil.reach(bundle)))
+    return bundle if needed <= samples else lens.bundle(tangent, wavelength, min(needed, max(samples, 512)))
+
+
+def psf_bank(
+    lens: Lens, tangents: FloatArray, wavelengths: tuple[float, ...], samples: int = 128, window: float = 0.0, lost: float = 0.02
+) -> Traced:
+    """Pictures of a distant point at fields and wavelengths.
+
+    Parameters
+    ----------
+    lens : Lens
+    tangents : (K,) array, 1
+        Of field angles, growing.
+    wavelengths : tuple of float, um
+        Growing.
+    samples : int
+        Cells across the pupil, at least.
+    window : float, um
+        Side of the pictures; 0: as large as ``lost`` asks.
+    lost : float
+        Share of the flux that may lie outside a window that is not given: half of it aberrated rays, half diffraction
+        (2/(pi v) of an Airy pattern lies outside v = pi r/(lambda N)).
+
+    Raises
+    ------
+    ValueError
+        For fields that no light passes, and pictures or pupils that would take more than 1023 samples across.
+
+    Notes
+    -----
+    Spacing of the samples: 0.85 of what the cut-off frequency of the widest pupil needs. Pictures are centred on the chief
+    ray of their own wavelength: lateral colour belongs to the distortion. Heights are those at the reference wavelength.
+    """
+    found = [[lens.bundle(float(t), w, samples) for w in wavelengths] for t in tangents]
+    spacing = np.array([_FINER * w / (2.0 * max(row[i].range for row in found)) for i, w in enumerate(wavelengths)])
+    if window <= 0:
+        window = 2.0 * max(_needed(bundle, lost) for row in found for bundle in row)
+    half = math.ceil(0.5 * window / float(spacing.min()))
+    size = 2 * half + 1
+    if size > LARGEST_PICTURE:
+        raise ValueError(
+            f"pictures of {window:.4g} um at a spacing of {spacing.min():.3g} um take {size} samples across, more than {LARGEST_PICTURE}; "
+            "use a larger f_number, a larger lost, or give a window"
+        )
+    # the sampled pupil repeats its picture: the repetition must stay out of the window
+    wanted = samples
+    for row in found:
+        for bundle, step in zip(row, spacing, strict=True):
+            free = half * float(step) + max(half * float(step), _needed(bundle, lost))
+            wanted = max(wanted, math.ceil(samples * 1.05 * free / min(pupil.reach(bundle))))
+    if wanted > LARGEST_PUPIL:
+        raise ValueError(
+            f"pictures of {window:.4g} um need {wanted} cells across the pupil, more than {LARGEST_PUPIL}; use a larger f_number or lost, "
+            "or give a smaller window"
+        )
+    if wanted > samples:
+        found = [[lens.bundle(float(t), w, wanted) for w in wavelengths] for t in tangents]
+    pictures = np.array([[pupil.picture(b, size, float(s)) for b, s in zip(row, spacing, strict=True)] for row in found])
+    total = np.array([[pupil.flux(b) / float(s) ** 2 for b, s in zip(row, spacing, strict=True)] for row in found])
+    heights = lens.chief(tangents, lens.reference)[1]
+    source = f"{lens.prescription.name}, {lens.focal_length_um * 1e-3:g} mm, f/{lens.f_number:g}"
+    return Traced(PsfBank(heights, np.array(wavelengths), pictures, spacing, source), pictures.sum(axis=(2, 3)) / total, wanted)
+
+
+def _needed(bundle: pupil.Bundle, lost: float) -> float:
+    """Radius of a picture beyond which about ``lost`` of its flux lies, um."""
+    distance = np.hypot(bundle.across_y, bundle.across_x)
+    order = np.argsort(distance)
+    inside = np.cumsum(bundle.open[order]) / bundle.open.sum()
+    rays = float(distance[order][min(int(np.searchsorted(inside, 1.0 - 0.5 * lost)), distance.size - 1)])
+    return rays + 2.0 * bundle.wavelength / bundle.range / (math.pi**2 * 0.5 * lost)
+
+
+def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> FloatArray:
+    """Tangents of fields from the axis to beyond an image height, evenly spaced."""
+    farthest = lens.tangent_for(max(corner_um, 1e-3 * lens.focal_length_um), wavelengths)
+    return np.linspace(0.0, farthest, count)
+
+
+def ideal_over_real(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> list[CubicSpline]:
+    """Ideal over real image height, as a function of the squared real height (um2): one curve per wavelength.
+
+    The ideal height is the image distance times the tangent of the field angle, at the reference wavelength: what a pinhole
+    would give. At the reference wavelength the curve is 1 on the axis; elsewhere it starts at that wavelength's image scale.
+    """
+    tangents = nodes_to(lens, corner_um, wavelengths, count)[1:]
+    ideal = lens.image_distance_um * tangents
+    curves = []
+    for real in lens.heights(tangents, wavelengths):
+        ratio = ideal / real
+        # the ratio is even and smooth in the height: its value on the axis follows from the nearest nodes
+        squares = real[:3] ** 2
+        axis = float(np.polynomial.Polynomial.fit(squares, ratio[:3], 2)(0.0)) if count > 3 else float(ratio[0])
+        curves.append(CubicSpline(np.append(0.0, real**2), np.append(axis, ratio)))
+    return curves
+
+
+def relative_illumination(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int, samples: int) -> list[CubicSpline]:
+    """Irradiance relative to the axis, as a function of the squared image height (um2): one curve per wavelength."""
+    tangents = nodes_to(lens, corner_um, wavelengths, count)
+    found = lens.illumination(tangents, wavelengths, samples)
+    heights = lens.heights(tangents, wavelengths)
+    relative = found / found[:, :1]
+    if relative.max() > BRIGHTEST:
+        raise ValueError(
+            f"{lens.prescription.name} lights its corner {relative.max():.3g} times as much as its axis; at most {BRIGHTEST:g} is allowed"
+        )
+    return [CubicSpline(h**2, e) for h, e in zip(heights, relative, strict=True)]

@@ -1,0 +1,194 @@
+"""The pupil of one field point: how much of it is open, and what its wavefront makes of a point of light.
+
+In:  quantities on a grid of rays over the entrance pupil: levels of the rims, direction cosines, optical paths.
+Out: covered shares of the cells, areas in direction cosines, point spread functions and Strehl ratios.
+Sources: Kirchhoff's integral over the reference sphere (Born and Wolf, section 9.1); geometry.
+
+The exit pupil is the sphere around the image point on which the chief ray crosses the axis. Every ray is taken where it
+crosses that sphere; seen from the image point this is the direction (L, M). A cell of the entrance pupil with the area dP
+fills dL dM = J dP, and conservation of energy gives its wave the amplitude sqrt(J) dP, so that the flux of the picture is
+that of the open part of the pupil. Nothing is interpolated.
+The kernel exp(i k (L x + M y)) leaves out (L x + M y)^2/(2 R), R the distance of the pupil: 0.01 waves at f/2.8, 60 um from
+the image point and R = 10 mm. Plane waves along the rays themselves (R infinite) would put the edge of the stop elsewhere: by
+half a wave where rays miss by 80 um.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating]
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """The open rays of one field point and wavelength with x > 0; those with x < 0 are their mirror images.
+
+    Attributes
+    ----------
+    wavelength : float, um
+    cosine_x, cosine_y : (n,) arrays, 1
+        Directions from the exit pupil to the image point.
+    path : (n,) array, um
+        Optical path by way of the reference sphere to the image point, up to a constant.
+    open : (n,) array
+        Open area of each cell of the entrance pupil, any unit.
+    filled : (n,) array, 1
+        The same in direction cosines.
+    across_y, across_x : (n,) arrays, um
+        Where the rays meet the image plane, from the image point.
+    steps : (2,) array, 1
+        Largest difference of direction cosines between neighbours along y and x.
+    height : float, um
+        The image point: the chief ray on the image plane, along +y.
+    """
+
+    wavelength: float
+    cosine_x: FloatArray
+    cosine_y: FloatArray
+    path: FloatArray
+    open: FloatArray
+    filled: FloatArray
+    across_y: FloatArray
+    across_x: FloatArray
+    steps: FloatArray
+    height: float
+
+    @property
+    def solid_angle(self) -> float:
+        """Area of the cone in direction cosines, both halves: irradiance per radiance, sr."""
+        return 2.0 * float(self.filled.sum())
+
+    @property
+    def spread(self) -> float:
+        """Largest distance of a ray from the image point, um."""
+        return float(np.hypot(self.across_y, self.across_x).max())
+
+    @property
+    def range(self) -> float:
+        """Largest difference of direction cosines over the pupil: the cut-off frequency times the wavelength."""
+        return float(max(np.ptp(self.cosine_y), 2.0 * self.cosine_x.max()))
+
+    @property
+    def amplitude(self) -> FloatArray:
+        """Amplitude of the waves, sqrt(J) dP."""
+        return np.sqrt(self.open * self.filled)
+
+    def wavefront_rms(self) -> float:
+        """Rms optical path over the open pupil without its mean and tilt, in waves."""
+        weight = self.open / self.open.sum()
+        path = self.path - weight @ self.path
+        tilt = self.cosine_y - weight @ self.cosine_y
+        path = path - tilt * ((weight * tilt) @ path / ((weight * tilt) @ tilt))
+        return float(np.sqrt(weight @ (path * path))) / self.wavelength
+
+
+def covered(level: FloatArray) -> FloatArray:
+    """Share of each cell in which a level is at most 0.
+
+    Parameters
+    ----------
+    level : (ny, nx) array
+        Smooth function at the cells' centres, 0 on the rim, negative where light passes; NaN where there is no ray.
+
+    Returns
+    -------
+    (ny, nx) array, 1
+
+    Notes
+    -----
+    The rim is a straight line within a cell: the area of a half plane in a square. Cells without a ray count as dark.
+    Error of the area of a disc on 64 cells: 1e-4.
+    """
+    gy, gx = np.abs(slope(level, 0)), np.abs(slope(level, 1))
+    large, small = np.maximum(gy, gx), np.minimum(gy, gx)
+    small = np.maximum(small, 1e-4 * large)  # below, the cut is a straight strip to 1e-8
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = [
+            sign * np.maximum(-level + 0.5 * (a * large + b * small), 0.0) ** 2
+            for sign, a, b in ((1, 1, 1), (-1, 1, -1), (-1, -1, 1), (1, -1, -1))
+        ]
+        share = np.clip(sum(terms) / (2.0 * large * small), 0.0, 1.0)
+    share = np.where(np.isfinite(share), share, level <= 0.0)
+    far = np.abs(level) > 0.51 * (large + small)
+    share = np.where(far, level <= 0.0, share)
+    return np.where(np.isfinite(level), share, 0.0)
+
+
+def slope(values: FloatArray, axis: int) -> FloatArray:
+    """Difference per cell, central where both neighbours have a ray, one-sided where one has."""
+    values = np.moveaxis(values, axis, 0)
+    forward = np.full_like(values, np.nan)
+    forward[:-1] = values[1:] - values[:-1]
+    backward = np.full_like(values, np.nan)
+    backward[1:] = forward[:-1]
+    both = np.where(np.isfinite(forward), np.where(np.isfinite(backward), 0.5 * (forward + backward), forward), backward)
+    return np.moveaxis(both, 0, axis)
+
+
+def intensity(bundle: Bundle, y: FloatArray, x: FloatArray) -> FloatArray:
+    """The picture of a point, as a share of the peak which the same pupil without aberrations has.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    y, x : (ny,), (nx,) arrays, um
+        From the image point.
+
+    Returns
+    -------
+    (ny, nx) array, 1
+        Between 0 and 1.
+
+    Notes
+    -----
+    Sum of waves by two thin matrices: rays are few, and exp(i k (L x + M y)) is a product.
+    """
+    k = 2.0 * np.pi / bundle.wavelength
+    amplitude = bundle.amplitude
+    middle = 0.5 * (bundle.cosine_y.max() + bundle.cosine_y.min())
+    rows = np.exp(1j * k * (bundle.path + np.multiply.outer(y, bundle.cosine_y - middle))) * amplitude
+    columns = np.cos(k * np.multiply.outer(bundle.cosine_x, x))
+    return (np.abs(rows.real @ columns + 1j * (rows.imag @ columns)) / amplitude.sum()) ** 2
+
+
+def flux(bundle: Bundle) -> float:
+    """The flux of the whole picture in the unit of ``intensity`` times um2: what a finite window holds less of."""
+    return bundle.wavelength**2 * float(bundle.open.sum()) / (2.0 * float(bundle.amplitude.sum()) ** 2)
+
+
+def reach(bundle: Bundle) -> tuple[float, float]:
+    """Distance along y and x at which the sampled pupil repeats its picture, um."""
+    along_y, along_x = bundle.wavelength / bundle.steps
+    return float(along_y), float(along_x)
+
+
+def strehl(bundle: Bundle) -> float:
+    """Largest intensity of the picture: searched for within the spot, then refined twice.
+
+    Notes
+    -----
+    Error of the search: below 1e-5 (the last grid is a two-hundredth of the picture's finest detail).
+    """
+    detail = bundle.wavelength / (2.0 * bundle.range)
+    half = min(bundle.spread + 2 * detail, 0.5 * min(reach(bundle)))
+    count = max(4, int(np.ceil(half / (0.5 * detail))))
+    y = x = np.linspace(-half, half, 2 * count + 1)
+    step, best = half / count, 0.0
+    for _ in range(3):
+        found = intensity(bundle, y, x)
+        row, column = np.unravel_index(int(found.argmax()), found.shape)
+        best = float(found[row, column])
+        offsets = np.linspace(-step, step, 21)
+        y, x, step = y[row] + offsets, x[column] + offsets, step / 10
+    return best
+
+
+def picture(bundle: Bundle, samples: int, spacing: float) -> FloatArray:
+    """``intensity`` on a square of samples around the image point, which is sample (samples // 2, samples // 2); samples odd."""
+    at = (np.arange(samples) - samples // 2) * spacing
+    left = intensity(bundle, at, at[: samples // 2 + 1])  # the lens is its own mirror image
+    return np.concatenate([left, left[:, : (samples - 1) // 2][:, ::-1]], axis=1)

@@ -1,0 +1,334 @@
+"""Stages of a ray-traced lens: its blur, its distortion, its illumination, and the numbers beside them.
+
+In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, on the image-plane grid; the lens by name or file, focal length, f-number.
+Out: ``irradiance``; scalars by field and wavelength.
+
+The order that light keeps: ``irradiance``, ``real_lens_distortion``, ``real_lens_illumination``, ``real_lens``. They stand in
+place of ``falloff`` and ``diffraction``, not beside them: diffraction at the stop is in the pictures of a point.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.physics import field_blur, warp
+from etendue_lens_optiland import banks, pupil
+from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
+
+
+def _state(path: str) -> Any:
+    """What tells two contents of a file apart within a process."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealLens(Stage):
+    """What all stages of a real lens share: which lens it is and how it is set."""
+
+    libraries: ClassVar[tuple[str, ...]] = ("optiland",)
+    negative: ClassVar[str] = "keep"
+
+    lens: str = param("ReverseTelephoto", camera=True, doc="a sample lens of optiland; not read where there is a prescription")
+    prescription: str = param("", camera=True, file=True, doc="a Zemax file .zmx or a table of surfaces .csv; '' for the sample lens")
+    focal_length: float = quantity("focal_length")
+    f_number: float = quantity("f_number")
+    reference_wavelength: float = param(
+        550.0, camera=True, units="nm", at_least=300, at_most=2000, doc="at which focal length, f-number and focus hold"
+    )
+    focus: str = param(
+        "design", camera=True, choices=FOCUS, doc="image plane: as designed, paraxial, or where the axial wavefront is smoothest (rms)"
+    )
+    aiming: str = param(
+        "stop", camera=True, choices=AIMING, doc="light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)"
+    )
+
+    def opened(self) -> Lens:
+        return open_lens(
+            self.lens, self.prescription, self.focal_length, self.f_number, self.reference_wavelength * 1e-3, self.focus, self.aiming,
+            _state(self.prescription),
+        )  # fmt: skip
+
+    def traced_wavelengths(self, wavelengths: tuple[float, ...]) -> tuple[float, ...]:
+        if not wavelengths or any(b <= a for a, b in pairwise(wavelengths)):
+            raise ValueError(f"wavelengths are {list(wavelengths)}; they must grow, in nm")
+        return tuple(w * 1e-3 for w in wavelengths)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moved(RealLens):
+    """A stage on irradiance."""
+
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blur(Moved):
+    """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
+
+    nanoseconds: ClassVar = 400.0
+
+    fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles at which a point is traced")
+    heights: int = param(
+        0, at_least=0, at_most=200, fidelity=True, reference="twice as many heights",
+        doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: fields",
+    )  # fmt: skip
+    wavelengths: tuple[float, ...] = param(
+        (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which a point is traced; mixed linearly in between"
+    )
+    pupil_samples: int = param(
+        128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil, at least"
+    )
+    lost: float = param(
+        0.02, above=0, at_most=0.5, fidelity=True, reference="a tenth of it", doc="flux of a picture that may lie outside its window"
+    )
+    window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
+    tolerance: float = param(
+        0.1, above=0, below=1, fidelity=True, reference="a tenth of it",
+        doc="bound on the largest error of the convolution for any scene, as a share of full scale; photographs err by a tenth of it",
+    )  # fmt: skip
+    method: str = param(
+        "tiles", choices=("auto", "eigen", "tiles"), fidelity=True, reference="the other method",
+        doc="blended tiles, an expansion in eigen-PSFs, or whichever is cheaper",
+    )  # fmt: skip
+    weights: str = param(
+        "source", choices=("source", "image"), doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly"
+    )
+    light: str = param("bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light")
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
+        if found != self.light:
+            raise ValueError(f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too")
+        return {}
+
+    def prepare(self, coordinates: Any) -> Any:
+        lens = self.opened()
+        y, x = coordinates["y_um"], coordinates["x_um"]
+        wavelengths = self.traced_wavelengths(self.wavelengths)
+        if self.heights:
+            tangents = banks.nodes_to(lens, _corner(y, x), wavelengths, max(2, self.heights))
+        else:
+            tangents = banks.tangents_of(self.fields)
+        traced = banks.psf_bank(lens, tangents, wavelengths, self.pupil_samples, self.window, self.lost)
+        return field_blur.prepare(
+            traced.bank,
+            y,
+            x,
+            coordinates["wavelength"] * 1e-3,
+            self.method,  # type: ignore[arg-type]
+            self.tolerance,
+            weights=self.weights,
+            light=self.light,  # type: ignore[arg-type]
+        )
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared.take(bands)
+
+    def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
+        return {"irradiance": field_blur.apply(irradiance, prepared)}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "the scene is uniform: blur changes nothing") if facts.uniform and self.weights == "image" else None
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        own = facts["irradiance"]
+        if own.uniform and self.weights == "image":
+            return own
+        return replace(own, uniform=None if own.uniform else own.uniform, low=None, high=None, contrast=None)
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the convolution; what linear mixing between fields and wavelengths costs, ``heights`` against twice as many shows."""
+        return self.tolerance + (2e-6 if precision == "float32" else 1e-13), "measured"
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if self.heights:
+            return []
+        lens, corner = self.opened(), _corner_of(grids["irradiance"])
+        last = float(lens.chief(banks.tangents_of(self.fields)[-1:], lens.reference)[1][0])
+        if corner > 1.001 * last:
+            return [
+                f"traced up to {last * 1e-3:.4g} mm from the axis, the light reaches {corner * 1e-3:.4g} mm: the last picture holds beyond"
+            ]
+        return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distortion(Moved):
+    """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
+
+    gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
+    nanoseconds: ClassVar = 350.0
+
+    nodes: int = param(17, at_least=4, at_most=500, fidelity=True, reference="twice as many", doc="fields from the axis to the corner")
+    order: int = param(
+        5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", doc="of the spline between samples"
+    )
+    oversampling: int = param(
+        1,
+        at_least=1,
+        at_most=8,
+        fidelity=True,
+        reference="order 5 with oversampling 4",
+        doc="samples per sample that the spline goes through",
+    )
+
+    def prepare(self, coordinates: Any) -> Any:
+        wavelengths = tuple(float(w) * 1e-3 for w in coordinates["wavelength"])
+        return banks.ideal_over_real(self.opened(), _corner(coordinates["y_um"], coordinates["x_um"]), wavelengths, self.nodes)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[bands]
+
+    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+        planes = np.empty_like(irradiance)
+        for number, (plane, ratio) in enumerate(zip(irradiance, prepared, strict=True)):
+            planes[number] = warp.radial(plane, y_um, x_um, ratio, self.order, self.oversampling)
+        return {"irradiance": planes}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """A uniform plane stays as it is; a spline may leave the range of another a little."""
+        own = facts["irradiance"]
+        return own if own.uniform else replace(own, low=None, high=None, contrast=None, band_limit=None)
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "the scene is uniform: moving it changes nothing") if facts.uniform else None
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the interpolation: a Gaussian edge with the scene's band limit, of 1 sample rms where that is not known."""
+        limit = facts["irradiance"].band_limit
+        softness = 1.0 if not limit else 0.483 / (limit * grid["irradiance"].line("x").step)  # exp(-2 pi^2 s^2 f^2) = 0.01
+        rounding = 2e-6 if precision == "float32" else 1e-12
+        return min(1.0, warp.edge_error(self.order, softness, self.oversampling)) + rounding, "fitted"
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        lens, corner = self.opened(), _corner_of(grids["irradiance"])
+        ratio = banks.ideal_over_real(lens, corner, (lens.reference,), self.nodes)[0]
+        beyond = corner * (float(ratio(corner**2)) - 1.0)
+        if beyond > 2.0 * grids["irradiance"].line("x").step and not facts.uniform:
+            return [
+                f"the corner shows what lies {beyond:.3g} um beyond the scene's, where its mirror image stands: let the scene be larger"
+            ]
+        return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Illumination(Moved):
+    """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
+
+    gain: ClassVar[float | None] = banks.BRIGHTEST
+    nanoseconds: ClassVar = 8.0
+
+    wavelengths: tuple[float, ...] = param(
+        (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which cones are traced; mixed linearly in between"
+    )
+    nodes: int = param(9, at_least=4, at_most=200, fidelity=True, reference="twice as many", doc="fields from the axis to the corner")
+    pupil_samples: int = param(64, at_least=16, at_most=512, fidelity=True, reference="twice as many", doc="cells across the pupil")
+
+    def prepare(self, coordinates: Any) -> Any:
+        y, x = coordinates["y_um"], coordinates["x_um"]
+        traced = self.traced_wavelengths(self.wavelengths)
+        curves = banks.relative_illumination(self.opened(), _corner(y, x), traced, self.nodes, self.pupil_samples)
+        rows = []
+        for wavelength in coordinates["wavelength"] * 1e-3:
+            rows.append([float(np.interp(wavelength, traced, np.eye(len(traced))[i])) for i in range(len(traced))])
+        return curves, np.array(rows)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0], prepared[1][bands]
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        own = facts["irradiance"]
+        return replace(own, uniform=None, low=None, high=None, contrast=None)
+
+    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+        curves, mix = prepared
+        squared = y_um[:, None] ** 2 + x_um[None, :] ** 2
+        maps = np.stack([np.clip(curve(squared), 0.0, banks.BRIGHTEST) for curve in curves])
+        out = np.empty_like(irradiance)
+        for number, row in enumerate(mix):
+            out[number] = irradiance[number] * np.tensordot(row, maps, axes=1).astype(irradiance.dtype)
+        return {"irradiance": out}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the area of the cone, by the samples across the pupil."""
+        return 4e-4 * (64 / self.pupil_samples) ** 1.5 + (2e-7 if precision == "float32" else 0.0), "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbers(RealLens):
+    """The lens in figures, by field angle and wavelength.
+
+    ``image_scale`` is image height per tangent of the field angle close to the axis; distortion is relative to it.
+    ``axial_f_number`` is 1/(2 sin) of the cone on the axis. ``strehl_ratio`` is the highest point of the picture over that of
+    the same pupil without aberrations; ``lateral_colour`` the chief ray's image height against the reference wavelength's.
+    """
+
+    writes: ClassVar = {
+        "real_focal_length": "[mm]", "back_focal_distance": "[mm]", "image_scale": "[mm]", "axial_f_number": "[1]",
+        "image_height": "field [mm]", "strehl_ratio": "field wavelength [1]", "wavefront_rms": "field wavelength [1]",
+        "distortion": "field [percent]", "lateral_colour": "field wavelength [um]", "real_illumination": "field wavelength [1]",
+    }  # fmt: skip
+    nanoseconds: ClassVar = 5e7
+
+    fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles")
+    wavelengths: tuple[float, ...] = param((450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="wavelengths")
+    pupil_samples: int = param(128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil")
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        fields, lines = Labels(self.fields, "deg"), Labels(self.wavelengths, "nm")
+        both = Grid.of({"field": fields, "wavelength": lines})
+        return {variable: both for variable in self.writes}
+
+    def run(self) -> dict[str, Any]:
+        lens, tangents = self.opened(), banks.tangents_of(self.fields)
+        wavelengths = self.traced_wavelengths(self.wavelengths)
+        bundles = [[banks.resolved(lens, float(t), w, self.pupil_samples) for w in wavelengths] for t in tangents]
+        axis = [lens.bundle(0.0, w, self.pupil_samples) for w in (*wavelengths, lens.reference)]
+        heights = lens.chief(tangents, lens.reference)[1]
+        ideal = lens.image_distance_um * tangents
+        return {
+            "real_focal_length": np.array(lens.focal_length_um * 1e-3),
+            "back_focal_distance": np.array(lens.back_focus * lens.scale * 1e-3),
+            "image_scale": np.array(lens.image_distance_um * 1e-3),
+            "axial_f_number": np.array(0.5 * math.sqrt(math.pi / axis[-1].solid_angle)),
+            "image_height": heights * 1e-3,
+            "strehl_ratio": np.array([[pupil.strehl(b) for b in row] for row in bundles]),
+            "wavefront_rms": np.array([[b.wavefront_rms() for b in row] for row in bundles]),
+            "distortion": 100.0 * np.divide(heights - ideal, ideal, out=np.zeros_like(ideal), where=ideal > 0),
+            "lateral_colour": np.array([[b.height - h for b in row] for row, h in zip(bundles, heights, strict=True)]),
+            "real_illumination": np.array([[b.solid_angle / a.solid_angle for b, a in zip(row, axis, strict=False)] for row in bundles]),
+        }
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the pupil's area and edge, by the samples across it."""
+        return 1e-3 * (128 / self.pupil_samples) ** 1.5 + (1e-6 if precision == "float32" else 0.0), "measured"
+
+
+def _corner(y: Any, x: Any) -> float:
+    return math.hypot(max(abs(float(y[0])), abs(float(y[-1]))), max(abs(float(x[0])), abs(float(x[-1]))))
+
+
+def _corner_of(grid: Grid) -> float:
+    ends = []
+    for dim in ("y", "x"):
+        line = grid.line(dim)
+        start, step = line.um()
+        ends.append(np.array([start, start + step * (line.size - 1)]))
+    return _corner(*ends)
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {"real_lens": Blur, "real_lens_distortion": Distortion, "real_lens_illumination": Illumination, "real_lens_numbers": Numbers}

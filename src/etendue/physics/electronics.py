@@ -1,0 +1,149 @@
+"""What the electronics of a sensor do with charge: dark current by temperature, gain, noise by gain, saturation.
+
+In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), well (electrons), codes (DN).
+Out: factor on the dark current, read noise (electrons), charge at saturation (electrons).
+Sources: Janesick 2001, "Scientific Charge-Coupled Devices" (dark current); EMVA 1288 release 4 linear (doubling
+temperature); Varshni's band gap of silicon as Janesick gives it.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue.constants import BOLTZMANN, ELEMENTARY_CHARGE
+
+BOLTZMANN_EV = BOLTZMANN / ELEMENTARY_CHARGE  # eV/K
+COLDEST, HOTTEST = 150.0, 450.0  # K, where the law of `dark_current_factor` is used
+
+
+def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
+    """Band gap of silicon.
+
+    Parameters
+    ----------
+    temperature_K : (...) array, K
+        At or above 0.
+
+    Returns
+    -------
+    (...) array, eV
+
+    Raises
+    ------
+    ValueError
+        If a temperature is negative or NaN.
+
+    Notes
+    -----
+    Source: Varshni's form with Janesick's constants, 1.1557 - 7.021e-4 T^2 / (1108 + T); 1.1109 eV at 300 K, where
+    1.12 eV is the textbook value.
+    """
+    temperature = np.asarray(temperature_K, dtype=float)
+    if not np.all(temperature >= 0):
+        raise ValueError(f"temperature_K is {np.min(temperature)!r}; allowed are numbers at or above 0")
+    return 1.1557 - 7.021e-4 * temperature**2 / (1108.0 + temperature)
+
+
+def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: float = 0.0) -> float:
+    """By how much dark current grows from a reference temperature to another.
+
+    Parameters
+    ----------
+    temperature_K, reference_K : float, K
+        150 to 450: colder, what is left does not come from the bulk; hotter, it no longer has this activation energy.
+    doubling_K : float, K
+        Warming by which dark current doubles, as a data sheet states it. 0: the law of thermal generation in the
+        depletion region.
+
+    Returns
+    -------
+    float, dimensionless
+        Exactly 1 at the reference.
+
+    Raises
+    ------
+    ValueError
+        If a temperature or the doubling is outside the range named above.
+
+    Notes
+    -----
+    Source: T^1.5 exp(-Eg(T) / 2kT) (Janesick 2001): half the band gap is the activation energy of generation through
+    mid-gap centres. It doubles every 8.5 K at 298 K. With a doubling, 2^((T - T0) / T_d) (EMVA 1288, section on the
+    doubling temperature).
+    """
+    for name, value in (("temperature_K", temperature_K), ("reference_K", reference_K)):
+        if not COLDEST <= value <= HOTTEST:
+            raise ValueError(f"{name} is {value!r}; allowed are {COLDEST:g} to {HOTTEST:g} K")
+    if not 0 <= doubling_K < math.inf:
+        raise ValueError(f"doubling_K is {doubling_K!r}; allowed are finite numbers at or above 0")
+    if temperature_K == reference_K:
+        return 1.0
+    if doubling_K > 0:
+        return 2.0 ** ((temperature_K - reference_K) / doubling_K)
+    here = float(silicon_band_gap(temperature_K)) / temperature_K
+    there = float(silicon_band_gap(reference_K)) / reference_K
+    return (temperature_K / reference_K) ** 1.5 * math.exp((there - here) / (2 * BOLTZMANN_EV))
+
+
+def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_gain: ArrayLike) -> NDArray:
+    """Read noise referred to the pixel, of an amplifier between two sources of noise.
+
+    Parameters
+    ----------
+    before_gain : (...) array, electrons
+        Standard deviation of what arises in front of the amplifier (source follower), at or above 0.
+    after_gain : (...) array, electrons
+        Standard deviation of what arises behind it (converter), as electrons at gain 1; at or above 0.
+    analogue_gain : (...) array, dimensionless
+        Above 0.
+
+    Returns
+    -------
+    (...) array, electrons
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside the range named above.
+
+    Notes
+    -----
+    Source: variances of independent sources add, sqrt(s_1^2 + (s_2 / g)^2).
+    """
+    before, after = np.asarray(before_gain, dtype=float), np.asarray(after_gain, dtype=float)
+    gain = np.asarray(analogue_gain, dtype=float)
+    for name, values in (("before_gain", before), ("after_gain", after)):
+        if not np.all(values >= 0):
+            raise ValueError(f"{name} is {np.min(values)!r} electrons; allowed are numbers at or above 0")
+    if not np.all(gain > 0):
+        raise ValueError(f"analogue_gain is {np.min(gain)!r}; allowed are numbers above 0")
+    return np.hypot(before, after / gain)
+
+
+def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
+    """Charge beyond which the output no longer changes: the well or the top code, whichever comes first.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+    gain_dn_per_electron : float, DN/electron
+        Above 0.
+    black_level : float, DN
+        From 0 to below the top code.
+    bits : int
+
+    Returns
+    -------
+    float, electrons
+
+    Raises
+    ------
+    ValueError
+        If the gain is not above 0, or the black level leaves no codes.
+    """
+    if not gain_dn_per_electron > 0:
+        raise ValueError(f"gain_dn_per_electron is {gain_dn_per_electron!r}; allowed are numbers above 0")
+    if not 0 <= black_level < 2**bits - 1:
+        raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {2**bits - 1}")
+    return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)

@@ -1,0 +1,347 @@
+"""Exposure, noise and read-out as stages of a camera: gain, metering, frames, patterns, defects, figures."""
+
+import copy
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import etendue
+from etendue import spectra
+from etendue.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
+from etendue.errors import RequestError
+from etendue.physics import electronics, emva
+from etendue.plan.planner import make_plan
+from etendue.registry import installed_stages
+from etendue.session import load
+
+PIPELINES = Path(__file__).parents[2] / "pipelines"
+READ_OUT = ("shot_noise", "full_well", "read_noise", "adc")
+
+
+def pipeline(*stages, camera=None, scene=None, sweep=None, wanted=None, **tables):
+    """A uniform 550 nm scene behind f/4, 20 x 24 pixels of 5.4 um, and the named stages."""
+    document = {
+        "name": "exposed",
+        "precision": "float64",
+        "camera": {
+            "peak_qe": [0.5, 0.5, 0.5], "sensitivity": "flat", "illuminant": "550 nm", "f_number": 4, "dark_current_density": 0, "dsnu": 0,
+            **(camera or {}),
+        },
+        "stages": [
+            {"use": "uniform", "name": "scene", "white_luminance": 100, "width": 140, "height": 120, "wavelength_from": 545,
+             "wavelength_to": 555, "bin_width": 10, **(scene or {})},
+            {"use": "irradiance"},
+            {"use": "pixel", "rows": 20, "columns": 24},
+            {"use": "mosaic"},
+        ],
+    }  # fmt: skip
+    document["stages"] += [{"use": name, **tables.get(name, {})} for name in stages]
+    return document | ({"sweep": sweep} if sweep else {}) | ({"wanted": wanted} if wanted else {})
+
+
+def even(**more):
+    return {"prnu": 0, "dark_nonuniformity": 0, **more}
+
+
+def rate_of_white(quantum_efficiency=0.5, pitch=5.4, fraction=0.741, f_number=4.0):
+    """Photocurrent of a white diffuser of 100 cd/m2 at 550 nm, electron/s, and its illuminance at the sensor, by hand."""
+    irradiance = math.pi * 100 / (LUMINOUS_EFFICACY * spectra.luminous_efficiency((545.0, 555.0))[0]) / (4 * f_number**2)
+    photons = irradiance * (pitch * fraction * 1e-6) ** 2 * 550e-9 / (PLANCK * SPEED_OF_LIGHT)
+    return quantum_efficiency * photons, math.pi * 100 / (4 * f_number**2)
+
+
+# -- temperature and gain
+
+
+def test_dark_charge_follows_the_temperature_and_is_as_given_at_the_reference():
+    document = pipeline(
+        "exposure", "dynamic_range", exposure=even(), scene={"reflectance": 0}, wanted=["expected_charge", "dark_charge"],
+        camera={"dark_current_density": 1e-9}, sweep={"temperature": [288.15, 298.15, 318.15]},
+    )  # fmt: skip
+    tree = etendue.simulate(document)
+    charge = tree["exposure"].expected_charge.values[:, 0, 0]
+    at_reference = 1e-9 / 1.602176634e-19 * 5.4e-4**2 * 0.01
+    factors = [electronics.dark_current_factor(t, 298.15) for t in (288.15, 298.15, 318.15)]
+    np.testing.assert_allclose(charge, at_reference * np.array(factors), rtol=1e-14)
+    np.testing.assert_allclose(tree["dynamic_range"].dark_charge, charge, rtol=1e-14)
+
+
+def test_codes_above_black_scale_with_the_gain_until_the_converter_ends_before_the_well():
+    document = pipeline(
+        "exposure", *READ_OUT, "linearise", "white", exposure=even(), camera={"read_noise": 0, "bits": 16, "black_level": 0},
+        sweep={"analogue_gain": [1, 2, 64]}, wanted=["raw", "charge", "white"],
+    )  # fmt: skip
+    tree = etendue.simulate(document)
+    raw, charge = tree["adc"].raw.values.astype(float), tree["full_well"].charge.values
+    step = 65535 / (1000 * (5.4 * 0.741) ** 2)
+    np.testing.assert_allclose(raw[0], np.floor(charge * step + 0.5), rtol=0, atol=0)
+    np.testing.assert_allclose(raw[1], np.floor(charge * 2 * step + 0.5), rtol=0, atol=0)
+    assert np.all(raw[2] == 65535)
+    assert charge.max() < 1000 * (5.4 * 0.741) ** 2  # and the well is not full
+    white = tree["white"].white.values
+    np.testing.assert_allclose(white, white[0] * np.array([[1], [2], [64]]), rtol=1e-15)
+    np.testing.assert_allclose(white[0], rate_of_white()[0] * 0.01 * step / 65535, rtol=1e-12)
+
+
+def test_read_noise_behind_the_amplifier_shrinks_with_the_gain():
+    document = pipeline(
+        "exposure", "shot_noise", "read_noise", exposure=even(), scene={"reflectance": 0, "width": 800, "height": 800},
+        camera={"read_noise": 3, "read_noise_after": 40}, pixel={"rows": 128}, sweep={"analogue_gain": [1, 10]}, wanted=["charge"],
+    )  # fmt: skip
+    document["stages"][2] |= {"rows": 128, "columns": 128}
+    noise = etendue.simulate(document)["read_noise"].charge.values.std(axis=(1, 2))
+    # 5 standard errors of a deviation from 16384 pixels
+    np.testing.assert_allclose(noise, [math.hypot(3, 40), 5.0], rtol=5 / math.sqrt(2 * 128 * 128))
+
+
+def test_an_iso_speed_is_a_gain_over_the_speed_at_gain_one():
+    by_gain = pipeline("exposure", *READ_OUT, camera={"analogue_gain": 8}, wanted=["adc.raw"])
+    by_speed = pipeline("exposure", *READ_OUT, camera={"iso": 800, "base_iso": 100}, wanted=["adc.raw"])
+    raw = [etendue.simulate(d)["adc"].raw.values.astype(float).mean() for d in (by_gain, by_speed)]
+    # other draws, the same level: shot noise of 480 pixels
+    np.testing.assert_allclose(raw[0], raw[1], rtol=0.01)
+
+
+def test_the_saturation_speed_of_the_camera_is_its_own_base_speed():
+    document = pipeline("exposure_numbers", wanted=["saturation_iso"], sweep={"analogue_gain": [1, 4]})
+    base, fast = etendue.simulate(document)["exposure_numbers"].saturation_iso.values
+    rate, lux = rate_of_white()
+    well = 1000 * (5.4 * 0.741) ** 2
+    np.testing.assert_allclose(base, 78 * rate / (lux * well), rtol=1e-12)
+    np.testing.assert_allclose(fast, 4 * base, rtol=1e-12)
+    by_speed = pipeline("exposure_numbers", wanted=["saturation_iso"], camera={"iso": 400, "base_iso": float(base)})
+    np.testing.assert_allclose(etendue.simulate(by_speed)["exposure_numbers"].saturation_iso, 400, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("camera", "words"), [({"iso": 400}, "base_iso"), ({"iso": 400, "base_iso": 100, "analogue_gain": 2}, "both given")]
+)
+def test_a_speed_that_cannot_be_had_is_refused_before_anything_runs(camera, words):
+    with pytest.raises(RequestError, match=words):
+        etendue.simulate(pipeline("exposure", *READ_OUT, camera=camera))
+
+
+def test_dynamic_range_is_that_of_the_gain_and_says_which():
+    document = pipeline("dynamic_range", camera={"read_noise": 2, "read_noise_after": 20, "bits": 14}, sweep={"analogue_gain": [1, 16]})
+    data = etendue.simulate(document)["dynamic_range"].to_dataset()
+    well, step = 1000 * (5.4 * 0.741) ** 2, (2**14 - 1 - 64) / (1000 * (5.4 * 0.741) ** 2)
+    np.testing.assert_allclose(data.system_gain, [step, 16 * step], rtol=1e-14)
+    expected = [20 * math.log10(well / math.hypot(2, 20)), 20 * math.log10(well / 16 / math.hypot(2, 1.25))]
+    np.testing.assert_allclose(data.dr_elgamal, expected, rtol=1e-13)
+    np.testing.assert_allclose(data.dr_elgamal_stops, np.array(expected) / (20 * math.log10(2)), rtol=1e-13)
+    assert np.all(data.dr_emva < data.dr_elgamal)
+
+
+def test_a_grey_card_has_the_ratio_of_hand_arithmetic_and_ten_at_the_stated_illuminance():
+    camera = {"read_noise": 5, "conversion_gain": 0.5, "integration_time": 0.02}
+    numbers = etendue.simulate(pipeline("exposure_numbers", camera=camera))["exposure_numbers"].to_dataset()
+    rate, _ = rate_of_white()
+    signal, floor = 0.18 * rate * 0.02, 25 + 1 / (12 * 0.25)
+    np.testing.assert_allclose(numbers.snr_18, 20 * math.log10(signal / math.sqrt(signal + floor)), rtol=1e-12)
+    np.testing.assert_allclose(numbers.exposure_value, math.log2(16 / 0.02), rtol=1e-13)
+    # the same card under that light: 10
+    dimmed = 100 * float(numbers.snr10_illuminance) / (math.pi * 100)
+    there = etendue.simulate(pipeline("exposure_numbers", camera=camera, scene={"white_luminance": dimmed}))["exposure_numbers"]
+    np.testing.assert_allclose(there.snr_18, 20.0, rtol=1e-12)
+    np.testing.assert_allclose(there.snr10_illuminance, numbers.snr10_illuminance, rtol=1e-12)
+
+
+# -- pedestal
+
+
+@pytest.mark.parametrize(("black", "warned"), [(8, True), (11, False)])
+def test_a_pedestal_under_four_sigma_is_warned_of(black, warned):
+    document = pipeline("exposure", *READ_OUT, camera={"black_level": black, "conversion_gain": 0.25, "read_noise": 10.5})
+    assert any("4 sigma" in text for text in make_plan(load(document), installed_stages()).warnings) == warned
+
+
+# -- metering
+
+
+def test_a_metered_exposure_reaches_its_target_whatever_the_f_number_and_white_follows():
+    document = pipeline(
+        "exposure_metered", "white_metered", exposure_metered=even(target=0.4),
+        sweep={"f_number": [2.8, 8], "exposure_metered.ev_bias": [0, -1]}, wanted=["expected_charge", "exposure_time", "white"],
+        camera={"black_level": 0},
+    )  # fmt: skip
+    tree = etendue.simulate(document)
+    well = 1000 * (5.4 * 0.741) ** 2
+    charge = tree["exposure_metered"].expected_charge
+    assert charge.dims[:2] == ("f_number", "exposure_metered_ev_bias")
+    np.testing.assert_allclose(charge.values[..., 0, 0], [[0.4 * well, 0.2 * well]] * 2, rtol=1e-13)
+    time = tree["exposure_metered"].exposure_time.values
+    np.testing.assert_allclose(time[1] / time[0], (8 / 2.8) ** 2, rtol=1e-13)
+    np.testing.assert_allclose(tree["white_metered"].white.values[..., 1], [[0.4, 0.2]] * 2, rtol=1e-12)
+
+
+def test_metering_by_exposure_value_keeps_the_exposure_of_a_swept_f_number():
+    document = pipeline(
+        "exposure_metered", exposure_metered=even(metering="exposure_value", exposure_value=10), sweep={"f_number": [2, 4, 16]},
+        wanted=["expected_charge", "exposure_time"],
+    )  # fmt: skip
+    tree = etendue.simulate(document)
+    np.testing.assert_allclose(tree["exposure_metered"].exposure_time, np.array([4, 16, 256]) / 1024, rtol=1e-15)
+    charge = tree["exposure_metered"].expected_charge.values[:, 0, 0]
+    np.testing.assert_allclose(charge, charge[0], rtol=1e-12)
+
+
+def test_a_sweep_of_the_time_that_is_metered_is_refused_with_what_to_sweep_instead():
+    with pytest.raises(RequestError, match=r"'exposure_metered' finds integration_time itself.*exposure_metered\.ev_bias"):
+        etendue.simulate(pipeline("exposure_metered", sweep={"integration_time": [0.01, 0.02]}))
+
+
+def test_a_stage_that_takes_the_time_beside_a_metered_one_is_refused_with_its_metered_twin():
+    with pytest.raises(RequestError, match="use white_metered"):
+        etendue.simulate(pipeline("exposure_metered", "white"))
+
+
+# -- frames
+
+
+@pytest.fixture(scope="module")
+def series():
+    document = pipeline(
+        "exposure_series", *READ_OUT, "linearise", "exposure_report",
+        exposure_series={"repeats": 2, "brackets": [0, -3], "prnu": 0.05, "dark_nonuniformity": 0},
+        camera={"dsnu": 50, "read_noise": 4, "dark_current_density": 1e-9}, sweep={"f_number": [4, 8]},
+    )  # fmt: skip
+    return document | {"wanted": ["expected_charge", "exposure_time", "shot_noise.charge", "raw", "mosaic_linear", "clipped_fraction"]}
+
+
+def test_frames_and_brackets_are_a_dimension_of_every_variable_behind_them(series):
+    tree = etendue.simulate(series)
+    for stage, variable in (
+        ("exposure_series", "expected_charge"),
+        ("shot_noise", "charge"),
+        ("adc", "raw"),
+        ("linearise", "mosaic_linear"),
+    ):
+        assert tree[stage][variable].dims == ("f_number", "frame", "y", "x")
+        assert tree[stage][variable].shape == (2, 4, 20, 24)
+    np.testing.assert_allclose(tree["exposure_series"].exposure_time[0], np.array([1, 1, 1 / 8, 1 / 8]) * 0.01, rtol=1e-15)
+    assert tree["exposure_report"].clipped_fraction.dims == ("f_number",)
+
+
+def test_an_archive_with_frames_is_opened_by_xarray_and_holds_the_same_bits(series, tmp_path):
+    tree = etendue.simulate(series)
+    etendue.simulate(series, archive=tmp_path / "frames")
+    stored = xr.open_datatree(tmp_path / "frames" / "data.zarr", engine="zarr")
+    assert stored["adc"].raw.dims == ("f_number", "frame", "y", "x")
+    assert np.array_equal(stored["adc"].raw, tree["adc"].raw)
+    assert list(stored["adc"].frame.values) == [0, 1, 2, 3]
+
+
+def test_patterns_are_the_same_in_all_frames_and_shot_noise_is_new_in_each(series):
+    tree = etendue.simulate(series)
+    expected, charge = tree["exposure_series"].expected_charge.values, tree["shot_noise"].charge.values
+    dark = 1e-9 / 1.602176634e-19 * 5.4e-4**2
+    for cell in expected:
+        assert np.array_equal(cell[0], cell[1])
+        # the bracket at an eighth of the time has an eighth of the charge, pattern included
+        np.testing.assert_allclose(cell[2] * 8, cell[0], rtol=1e-14)
+    response = [c[0] - dark * 0.01 for c in expected]  # of two cells, f/4 and f/8: one sensor
+    np.testing.assert_allclose(response[1] * 4, response[0], rtol=1e-12)
+    noise = (charge - expected)[0]
+    correlation = np.corrcoef(noise.reshape(4, -1))
+    assert np.all(np.abs(correlation[~np.eye(4, dtype=bool)]) < 5 / math.sqrt(noise[0].size))
+    offsets = tree["adc"].raw.values[0].astype(float) * (1000 * (5.4 * 0.741) ** 2 / (4095 - 64)) - charge[0]
+    # DSNU 50 electron, read noise 4, rounding 1.2: its own pattern correlates by 0.993
+    assert np.corrcoef(offsets.reshape(4, -1)).min() > 0.98
+
+
+def test_the_first_frame_of_a_series_is_no_other_light_than_a_single_exposure():
+    one = etendue.simulate(pipeline("exposure", exposure=even(), wanted=["expected_charge"]))["exposure"].expected_charge.values
+    many = etendue.simulate(pipeline("exposure_series", exposure_series=even(), wanted=["expected_charge"]))
+    assert np.array_equal(many["exposure_series"].expected_charge.values, np.stack([one, one]))
+
+
+def test_a_stage_that_takes_one_frame_refuses_several_by_name():
+    with pytest.raises(RequestError, match="frame y x"):
+        etendue.simulate(pipeline("exposure_series", *READ_OUT, "linearise", "demosaic_bilinear"))
+
+
+def test_the_shipped_measurement_returns_the_camera_of_its_file():
+    tree = etendue.simulate(PIPELINES / "emva.toml", want=["raw"])
+    raw = tree["adc"].raw
+    found = emva.measure(raw.integration_time, raw.sel(scene_reflectance=1), raw.sel(scene_reflectance=0))
+    well = 1000 * (5.4 * 0.741) ** 2
+    dark = 1e-9 / 1.602176634e-19 * 5.4e-4**2
+    patterns = math.hypot(3, 0.1 * dark * float(raw.integration_time[found.pattern_level]))
+    for estimate, truth in (
+        (found.gain, (4095 - 128) / well), (found.read_noise, 8), (found.dark_current, dark), (found.full_well, well),
+        (found.prnu, 0.01), (found.dsnu, patterns),
+    ):  # fmt: skip
+        # 4 standard errors: the coverage itself is measured over 200 sensors in benchmarks/emva.py
+        assert abs(estimate.value - truth) < estimate.high - estimate.low, str(estimate)
+        assert estimate.high - estimate.low < 0.2 * truth
+
+
+# -- lines and defects
+
+
+def test_row_and_column_patterns_stay_and_row_noise_does_not():
+    document = pipeline(
+        "exposure_series", "shot_noise", "line_pattern", scene={"reflectance": 0}, exposure_series=even(repeats=2),
+        line_pattern={"row_pattern": 5, "column_pattern": 3, "row_noise": 2}, wanted=["charge"],
+    )  # fmt: skip
+    charge = etendue.simulate(document)["line_pattern"].charge.values  # dark, no shot noise: the pattern itself
+    rows, columns = charge.mean(axis=2), charge.mean(axis=1)
+    np.testing.assert_allclose(charge, rows[:, :, None] + columns[:, None, :] - charge.mean(axis=(1, 2), keepdims=True), atol=1e-12)
+    moved = rows[1] - rows[0]
+    np.testing.assert_allclose(columns[1] - columns[0], moved.mean(), atol=1e-12)  # columns do not move
+    assert 0.5 < moved.std() / (2 * math.sqrt(2)) < 1.6  # 20 rows: 3 standard errors
+    assert 2 < rows.std() < 9
+
+
+def test_a_window_of_a_sensor_with_lines_and_defects_equals_the_crop():
+    def run(**window):
+        document = pipeline(
+            "defects", "exposure", "line_pattern", scene={"width": 700, "height": 700, "reflectance": 0.5}, exposure=even(),
+            defects={"hot": 0.05, "dead": 0.05}, line_pattern={"row_pattern": 5, "column_pattern": 3}, wanted=["charge", "defect_map"],
+        )  # fmt: skip
+        document["stages"][2] |= {"rows": 90, "columns": 100, **window}
+        document["stages"][-1:-1] = [{"use": "shot_noise", "exact_below": "inf"}]
+        document["camera"]["noise"] = "common"
+        document["stages"][-1]["row_noise"] = 0
+        return etendue.simulate(document | {"wanted": ["defect_map", "expected_charge"]})
+
+    whole, part = run(), run(first_row=30, first_column=50, window_rows=40, window_columns=33)
+    kinds = whole["defects"].defect_map.values[30:70, 50:83]
+    assert np.array_equal(part["defects"].defect_map, kinds)
+    assert {0, 1, 2} == set(np.unique(kinds))
+    np.testing.assert_allclose(part["exposure"].expected_charge, whole["exposure"].expected_charge[30:70, 50:83], rtol=1e-12)
+
+
+def test_hot_pixels_grow_with_time_and_dead_ones_stay_dark(tmp_path):
+    file = tmp_path / "list.csv"
+    file.write_text("row,column,kind\n4,5,hot\n7,8,dead\n9,9,stuck\n")
+    document = pipeline(
+        "defects", "exposure", *READ_OUT, "stuck_pixels", exposure=even(), sweep={"integration_time": [0.01, 0.04]},
+        defects={"hot": 0, "dead": 0, "file": str(file), "hot_rate": 1e5}, stuck_pixels={"stuck": 0, "level": 0.5, "file": str(file)},
+        wanted=["expected_charge", "raw", "defect_map", "stuck_map"],
+    )  # fmt: skip
+    tree = etendue.simulate(document)
+    charge = tree["exposure"].expected_charge.values
+    assert np.all(charge[:, 7, 8] == 0)
+    assert np.all(charge[:, 4, 5] > charge[:, 0, 0])
+    np.testing.assert_allclose(charge[1], 4 * charge[0], rtol=1e-14)
+    assert np.all(tree["stuck_pixels"].raw.values[:, 9, 9] == 2048)
+    assert np.count_nonzero(tree["defects"].defect_map) == 2
+    assert np.array_equal(np.argwhere(tree["stuck_pixels"].stuck_map.values[1]), [[9, 9]])
+
+
+def test_the_share_of_defects_is_as_asked_and_belongs_to_the_serial():
+    document = pipeline("defects", scene={"width": 1100, "height": 1100}, defects={"hot": 0.04, "dead": 0.02}, wanted=["defect_map"])
+    document["stages"][2] |= {"rows": 200, "columns": 200}
+    kinds = etendue.simulate(document)["defects"].defect_map.values
+    counts = np.bincount(kinds.ravel(), minlength=3)
+    # 5 standard errors of a count
+    assert abs(counts[1] - 1600) < 5 * 40
+    assert abs(counts[2] - 800) < 5 * 28
+    other = copy.deepcopy(document)
+    other["camera"]["sensor_serial"] = "2"
+    moved = etendue.simulate(other)["defects"].defect_map.values
+    assert np.count_nonzero((moved > 0) & (kinds > 0)) < 0.1 * counts[1]

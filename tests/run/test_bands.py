@@ -1,0 +1,143 @@
+"""Light of many bands: streamed as whole, expanded as exact. In: small pipelines, the threshold lowered. Out: equal planes."""
+
+import numpy as np
+import pytest
+
+import etendue
+from etendue.archive import store
+from etendue.errors import RequestError
+from etendue.physics import expansion, sampling
+from etendue.plan import cost
+
+
+def camera(**pixel):
+    return {
+        "name": "bands", "precision": "float64", "camera": {"peak_qe": [0.4, 0.5, 0.3], "pixel_pitch": 2.0},
+        "stages": [
+            {"use": "composite", "name": "scene", "white_luminance": 100, "width": 120, "height": 80, "wavelength_from": 400,
+             "wavelength_to": 700, "bin_width": 20},
+            {"use": "irradiance"}, {"use": "falloff"}, {"use": "optical_filter"}, {"use": "diffraction"}, {"use": "diffusion"},
+            {"use": "pixel", **pixel}, {"use": "white"},
+        ],
+    }  # fmt: skip
+
+
+@pytest.fixture
+def by_band(monkeypatch):
+    """Everything with a wavelength is too large to be held."""
+    monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
+    monkeypatch.setattr(store, "LARGEST_WHOLE", 1000)
+
+
+def test_light_streamed_by_band_gives_what_the_whole_gives(by_band, monkeypatch):
+    streamed = etendue.simulate(camera())
+    monkeypatch.undo()
+    whole = etendue.simulate(camera())
+    for stage in ("scene", "irradiance", "falloff", "optical_filter"):
+        for name, values in whole[stage].data_vars.items():
+            assert np.array_equal(streamed[stage][name].values, values.values), (stage, name)
+    for stage, name in (("diffraction", "irradiance"), ("diffusion", "irradiance"), ("pixel", "photon_rate")):
+        truth = whole[stage][name].values
+        # linear look-up in 8192 radial frequencies: 6e-6 at the kink of the cut-off, where the scene holds a tenth of its contrast
+        np.testing.assert_allclose(streamed[stage][name].values, truth, atol=4e-7 * truth.max(), rtol=0)
+    assert np.array_equal(streamed["white"].white.values, whole["white"].white.values)
+
+
+def test_what_is_streamed_has_the_same_bits_however_it_is_run_and_resumed(by_band, tmp_path):
+    first = etendue.simulate(camera(), archive=tmp_path / "a", scheduler="serial")
+    second = etendue.simulate(camera(), archive=tmp_path / "b", scheduler="threads", workers=2)
+    for chunk in (tmp_path / "b" / "data.zarr" / "pixel" / "photon_rate").glob("c*"):
+        chunk.unlink()
+    etendue.simulate(camera(), archive=tmp_path / "b", scheduler="threads", workers=2)
+    # nothing but the last stage's result is kept: the light is made again instead of being read back
+    lean = etendue.simulate({**camera(), "keep": ["pixel"]}, archive=tmp_path / "c")
+    for stage in ("falloff", "diffusion", "pixel"):
+        for name, values in first[stage].data_vars.items():
+            assert np.array_equal(second[stage][name].values, values.values, equal_nan=values.dtype.kind == "f")
+    assert np.array_equal(lean["pixel"].photon_rate.values, first["pixel"].photon_rate.values)
+    assert (tmp_path / "a" / "data.zarr" / "falloff" / "irradiance" / "c.7.0.0").exists()
+
+
+def test_a_stage_that_needs_the_whole_of_a_streamed_variable_gets_it(by_band, monkeypatch):
+    document = camera()
+    document["stages"][2] = {"use": "distortion", "k1": -0.01}
+    streamed = etendue.simulate(document)["pixel"].photon_rate.values
+    monkeypatch.undo()
+    # as far as the radial look-up of the transfer functions reaches
+    np.testing.assert_allclose(streamed, etendue.simulate(document)["pixel"].photon_rate.values, rtol=1e-6)
+
+
+def test_an_expansion_over_wavelength_converges_within_its_stated_error():
+    exact = etendue.simulate(camera())["pixel"].photon_rate.values
+    before = np.inf
+    for terms in (1, 2, 3, 4):
+        tree = etendue.simulate(camera(wavelength_terms=terms))
+        error = np.abs(tree["pixel"].photon_rate.values - exact).max() / exact.max()
+        ledger = tree["ledger"].to_dataset()
+        stated = float(ledger.error.values[[str(s) for s in ledger.stage.values].index("pixel")])
+        assert error <= stated
+        assert error < 0.5 * before
+        before = error
+    assert before < 3e-5
+
+
+def test_as_many_terms_as_bands_are_no_expansion():
+    exact = etendue.simulate(camera())["pixel"].photon_rate.values
+    # fifteen bands: twelve terms leave nothing, the radial look-up remains
+    np.testing.assert_allclose(etendue.simulate(camera(wavelength_terms=12))["pixel"].photon_rate.values, exact, rtol=1e-6)
+
+
+def test_an_expansion_leaves_uniform_light_exact():
+    document = camera(wavelength_terms=1)
+    document["stages"][0] = {**document["stages"][0], "use": "uniform"}
+    del document["stages"][2]  # the fall-off, behind which light is not uniform
+    exact = {**document, "stages": [{k: v for k, v in s.items() if k != "wavelength_terms"} for s in document["stages"]]}
+    one, all_ = (etendue.simulate(d, leave_out=False)["pixel"].photon_rate.values for d in (document, exact))
+    np.testing.assert_allclose(one, all_, rtol=1e-7)
+
+
+def test_a_basis_is_orthonormal_under_its_weights_and_begins_with_a_constant():
+    random = np.random.default_rng(0)
+    weights, transfer = random.random((3, 9)), random.random((9, 40))
+    weights[0, 3] = 0.0
+    basis = expansion.wavelength_basis(weights, 4, transfer, np.ones(40))
+    for own, functions in zip(weights, basis, strict=True):
+        np.testing.assert_allclose((functions * own) @ functions.T, np.eye(4), atol=1e-12)
+        seen = functions[0][own > 0]
+        np.testing.assert_allclose(seen, seen[0], rtol=1e-13)
+
+
+@pytest.mark.parametrize(("ny", "nx"), [(33, 40), (40, 33), (1, 7), (64, 64)])
+def test_a_radial_table_is_looked_up_on_every_row_of_a_transform(ny, nx):
+    rows, columns = sampling.frequencies(ny, 0.7, half=False), sampling.frequencies(nx, 0.7, half=True)
+    plane = expansion.RadialPlane(rows, columns, "float64")
+    spectrum = np.ones((rows.size, columns.size), complex)
+    plane.multiply(spectrum, np.exp(-(plane.nodes**2)))
+    truth = np.exp(-(np.hypot(rows[:, None], columns[None, :]) ** 2))
+    # linear interpolation: (highest frequency / 8192)^2 / 8 times a second derivative below 2
+    np.testing.assert_allclose(spectrum.real, truth, atol=1e-8)
+
+
+@pytest.mark.parametrize("terms", [0, -1])
+def test_fewer_than_one_term_is_refused(terms):
+    with pytest.raises(ValueError, match="at least 1"):
+        expansion.wavelength_basis(np.ones((1, 4)), terms, np.ones((4, 3)), np.ones(3))
+
+
+def test_simulate_leaves_the_document_it_is_given_as_it_was():
+    document = camera()
+    etendue.simulate(document, pixel__wavelength_terms=2, f_number=4)
+    assert document == camera()
+
+
+def test_a_stored_scene_serves_as_the_light_of_another_camera(tmp_path):
+    kept = etendue.simulate(camera(), archive=tmp_path / "first")
+    document = camera()
+    document["stages"][0] = {"use": "radiance_cube", "name": "scene", "file": str(tmp_path / "first" / "data.zarr"),
+                             "variable": "scene/radiance"}  # fmt: skip
+    again = etendue.simulate(document)
+    for stage, name in (("scene", "radiance"), ("scene", "white_radiance"), ("pixel", "photon_rate"), ("white", "white")):
+        assert np.array_equal(again[stage][name].values, kept[stage][name].values), name
+    document["stages"][0] |= {"variable": "scene/brightness"}
+    with pytest.raises(RequestError, match="holds no variable 'scene/brightness'"):
+        etendue.simulate(document)
