@@ -58,9 +58,10 @@ def whole_frame() -> int:
     blur = ({"use": "falloff"}, {"use": "diffraction"})
     cases = (
         ("irradiance, fall-off, diffraction: 31 blurred planes", camera(*blur, wanted="diffraction.irradiance"), 0.5),
-        ("the same with diffusion, to the pixels of three channels", camera(*blur, {"use": "diffusion"}, {"use": "pixel"}, wanted="pixel.photon_rate"), 0.5),
-        ("the same, 3 terms over wavelength",
-         camera(*blur, {"use": "diffusion"}, {"use": "pixel", "wavelength_terms": 3}, wanted="pixel.photon_rate"), 0.5),
+        ("the same with diffusion, to the pixels of three channels",
+         camera(*blur, {"use": "diffusion"}, {"use": "pixel"}, wanted="pixel.photon_rate"), 0.5),
+        ("the same, 8 terms over wavelength",
+         camera(*blur, {"use": "diffusion"}, {"use": "pixel", "wavelength_terms": 8}, wanted="pixel.photon_rate"), 0.5),
     )  # fmt: skip
     beyond = 0
     print(f"{'512 x 512 x 31, one thread':60s} {'s CPU':>7s} {'bound':>7s} {'ISETCam':>8s}")
@@ -115,14 +116,14 @@ def knobs(folder: Path) -> dict[str, tuple[Any, list[Any], Any]]:
     return {
         "scene.spacing": (chain("scene", "spacing"), [4.0, 2.0, 1.0], 0.5),
         "scene.bin_width": (chain("scene", "bin_width"), [62.0, 31.0, 10.0, 5.0], 2.0),
-        "pixel.wavelength_terms": (chain("pixel", "wavelength_terms"), [1, 2, 3, 4, 5, 6], 0),
+        "pixel.wavelength_terms": (chain("pixel", "wavelength_terms"), [3, 5, 7, 9, 12], 0),
         "diffusion.nodes": (chain("diffusion", "nodes"), [64, 256, 1024, 4096], 0),
         "lens_psf.nodes": (one({"use": "lens_psf", "file": table}, "nodes"), [128, 512, 2048, 8192], 65536),
         "wavefront.pupil_samples": (
             one({"use": "wavefront", "aperture": "polygonal", "blades": 7, "defocus": 0.01}, "pupil_samples"), [32, 64, 128, 256], 1024),
         "aberrations.accuracy": (one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "accuracy"), [0.1, 0.05, 0.02, 0.01], 0.005),
         "aberrations.heights": (one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "heights", accuracy=0.01), [3, 5, 9, 17], 33),
-        "lens_psf_field.tolerance": (one({"use": "lens_psf_field", "file": file}, "tolerance"), [0.3, 0.1, 0.03, 0.01, 0.003], 0.0005),
+        "lens_psf_field.tolerance": (one({"use": "lens_psf_field", "file": file}, "tolerance"), [0.3, 0.1, 0.03, 0.01], 0.003),
         "distortion.order": (one({"use": "distortion", "k1": -0.05, "reference_radius": 0.25}, "order"), [1, 3, 5], 5),
         "distortion.oversampling": (
             one({"use": "distortion", "k1": -0.05, "reference_radius": 0.25}, "oversampling", order=3), [1, 2], 4),
@@ -134,6 +135,7 @@ def draw(path: Path) -> int:
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
+    from matplotlib.ticker import NullFormatter
 
     with tempfile.TemporaryDirectory() as folder:
         found: dict[str, list[tuple[float, float, Any]]] = {}
@@ -146,7 +148,7 @@ def draw(path: Path) -> int:
             scale = np.abs(truth).max()
             print(f"{knob:28s} {reference!s:>10s} {'reference':>10s} {sum(own.values()):9.3f}")
             for value in values:
-                result, seconds = run(document(value))
+                result, seconds = min((run(document(value)) for _ in range(2)), key=lambda found: sum(found[1].values()))
                 if result.shape != truth.shape:
                     step = [max(1, n // m) for n, m in zip(truth.shape, result.shape, strict=True)]
                     raise SystemExit(f"{knob}: {result.shape} against {truth.shape}, step {step}")
@@ -164,6 +166,10 @@ def draw(path: Path) -> int:
         axis.set_xlabel("seconds of CPU", fontsize=7)
         axis.set_ylabel("largest error / full scale", fontsize=7)
         axis.tick_params(labelsize=7)
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.yaxis.set_minor_formatter(NullFormatter())
+        low, high = min(p[0] for p in points), max(p[0] for p in points)
+        axis.set_xlim(10 ** np.floor(np.log10(low)), 10 ** np.ceil(np.log10(high)))
     for axis in axes.flat[len(found) :]:
         axis.axis("off")
     figure.tight_layout()

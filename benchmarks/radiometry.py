@@ -63,7 +63,7 @@ def levels() -> None:
         scene={"wavelength_from": 550, "wavelength_to": 560, "bin_width": 10}, wanted=["expected_charge"],
         camera={
             "illuminant": "555 nm", "f_number": 4, "pixel_pitch": pitch, "aperture_fraction": fraction, "integration_time": seconds,
-            "peak_qe": [efficiency] * 3, "dark_current_density": 0,
+            "sensitivity": "flat", "peak_qe": [efficiency] * 3, "dark_current_density": 0,
         },
     )  # fmt: skip
     charge = tree["exposure"].expected_charge.values

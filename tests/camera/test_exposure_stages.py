@@ -97,6 +97,23 @@ def test_read_noise_behind_the_amplifier_shrinks_with_the_gain():
     np.testing.assert_allclose(noise, [math.hypot(3, 40), 5.0], rtol=5 / math.sqrt(2 * 128 * 128))
 
 
+@pytest.mark.parametrize("conversion_gain", [0, 0.1])  # the well at the top code, and at 40 per cent of the codes
+def test_a_frame_far_beyond_the_well_is_clipped_whatever_its_codes_say(conversion_gain):
+    document = pipeline(
+        "exposure", *READ_OUT, "exposure_report", exposure=even(), camera={"read_noise": 5, "conversion_gain": conversion_gain},
+        sweep={"integration_time": [1e-3, 10]}, wanted=["clipped_fraction", "raw"],
+    )  # fmt: skip
+    tree = etendue.simulate(document)
+    assert tree["exposure_report"].clipped_fraction.values.tolist() == [0, 1]
+    assert np.any(tree["adc"].raw.values[1] < 4095)
+
+
+def test_common_noise_that_cannot_be_inverted_is_refused_before_anything_runs():
+    document = pipeline("exposure", "shot_noise", camera={"noise": "common"}, shot_noise={"exact_below": "inf"})
+    with pytest.raises(RequestError, match="exact_below is inf"):
+        etendue.simulate(document)
+
+
 def test_an_iso_speed_is_a_gain_over_the_speed_at_gain_one():
     by_gain = pipeline("exposure", *READ_OUT, camera={"analogue_gain": 8}, wanted=["adc.raw"])
     by_speed = pipeline("exposure", *READ_OUT, camera={"iso": 800, "base_iso": 100}, wanted=["adc.raw"])
@@ -303,7 +320,7 @@ def test_a_window_of_a_sensor_with_lines_and_defects_equals_the_crop():
             defects={"hot": 0.05, "dead": 0.05}, line_pattern={"row_pattern": 5, "column_pattern": 3}, wanted=["charge", "defect_map"],
         )  # fmt: skip
         document["stages"][2] |= {"rows": 90, "columns": 100, **window}
-        document["stages"][-1:-1] = [{"use": "shot_noise", "exact_below": "inf"}]
+        document["stages"][-1:-1] = [{"use": "shot_noise"}]
         document["camera"]["noise"] = "common"
         document["stages"][-1]["row_noise"] = 0
         return etendue.simulate(document | {"wanted": ["defect_map", "expected_charge"]})

@@ -46,7 +46,8 @@ def test_electrons_of_a_uniform_555_nm_scene_are_those_of_hand_arithmetic():
         camera(
             "pixel", "mosaic", "exposure",
             scene={"wavelength_from": 550, "wavelength_to": 560, "bin_width": 10}, exposure={"prnu": 0, "dark_nonuniformity": 0},
-            camera={"illuminant": "555 nm", "sensitivity": "flat", "f_number": 4, "integration_time": time, "pixel_pitch": pitch, "aperture_fraction": fraction},
+            camera={"illuminant": "555 nm", "sensitivity": "flat", "f_number": 4, "integration_time": time, "pixel_pitch": pitch,
+                    "aperture_fraction": fraction},
         )
     )  # fmt: skip
     luminous = LUMINOUS_EFFICACY * spectra.luminous_efficiency((550.0, 560.0))[0]

@@ -10,6 +10,7 @@ from etendue.physics import diffraction, focus, imaging, sampling
 from etendue.spec.grid import Bands, Grid, Line
 from etendue.stages.aberrations import Aberrations
 from etendue.stages.lens import Diffraction
+from etendue.stages.optics import Irradiance
 from etendue.stages.wavefront import Wavefront
 
 BANDS = np.array([450.0, 550.0, 650.0])
@@ -28,6 +29,19 @@ def test_a_clear_round_lens_without_aberrations_is_diffraction_bit_by_bit():
     assert np.array_equal(transfer(Wavefront()), transfer(Diffraction()))
     annulus = Wavefront(aperture="annular", obstruction=0.4, magnification=-0.5)
     assert np.array_equal(transfer(annulus), transfer(Diffraction(obstruction=0.4, magnification=-0.5)))
+
+
+@pytest.mark.parametrize(("f_number", "magnification"), [(0.7, 0.0), (1.4, 0.0), (2.0, -0.5)])
+def test_diffraction_ends_at_the_marginal_rays_of_the_model_that_sets_the_light(f_number, magnification):
+    camera = {"f_number": f_number, "magnification": magnification}
+    flat = Diffraction(**camera, aperture_model="flat_disc")
+    sine = math.sin(math.atan(0.5 / (f_number * (1 - magnification))))
+    for stage, cutoff in ((flat, 2 * sine / 0.45), (Diffraction(**camera), 1 / (0.45 * f_number * (1 - magnification)))):
+        inside, outside = transfer(stage, np.zeros((1, 1)), cutoff * np.array([[1 - 1e-9, 1 + 1e-9]]))[0, 0]
+        assert inside > 0.0 and outside == 0.0
+    assert np.array_equal(transfer(Wavefront(**camera, aperture_model="flat_disc")), transfer(flat))
+    light = Irradiance(**camera, aperture_model="flat_disc").factor()
+    assert_allclose(light, math.pi / (4 * flat.cone_f_number() ** 2), rtol=1e-15)  # a few roundings
 
 
 def test_field_aberrations_change_nothing_on_the_axis():

@@ -109,11 +109,11 @@ def test_a_probe_of_transfer_functions_sees_a_change_of_a_left_out_stage(tmp_pat
 
 
 def test_changed_code_of_a_joined_stage_changes_the_key_of_the_whole_segment_behind_it(monkeypatch):
-    from etendue.plan import graph
+    from etendue.plan import alternatives
 
     before = plan_of()
-    kept = graph.code_digest
-    monkeypatch.setattr(graph, "code_digest", lambda kind: "edited" if kind.__name__ == "Diffraction" else kept(kind))
+    kept = alternatives.code_digest
+    monkeypatch.setattr(alternatives, "code_digest", lambda kind: "edited" if kind.__name__ == "Diffraction" else kept(kind))
     after = plan_of()
     same = {name for name in ("scene", "irradiance", "falloff") if before.of(name)[0].key == after.of(name)[0].key}
     assert same == {"scene", "irradiance", "falloff"}

@@ -111,9 +111,8 @@ def knobs() -> None:
         lens = open_lens(f_number=f_number)
         for lost in (0.1, 0.02):
             made, spent = seconds(lambda of=lens, share=lost: banks.psf_bank(of, banks.tangents_of(FIELDS), WAVELENGTHS, 128, lost=share))
-            print(
-                f"  f/{f_number:<4g} lost {lost:<5g} {made.bank.psf.shape[-1]:4d}  {made.samples:4d}  {made.enclosed.min():.4f}   {spent:.2f} s"
-            )
+            size = made.bank.psf.shape[-1]
+            print(f"  f/{f_number:<4g} lost {lost:<5g} {size:4d}  {made.samples:4d}  {made.enclosed.min():.4f}   {spent:.2f} s")
 
 
 if __name__ == "__main__":

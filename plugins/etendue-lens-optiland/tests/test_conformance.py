@@ -18,9 +18,9 @@ BLUR = {"f_number": 8.0, "fields": (0.0, 22.0), "pupil_samples": 32, "lost": 0.2
         pytest.param(Blur(**BLUR), id="blur"),
         pytest.param(Blur(**BLUR | {"weights": "image", "fields": (0.0,), "window": 12.0}), id="blur-one-field"),
         pytest.param(Distortion(f_number=8.0, nodes=6), id="distortion"),
-        pytest.param(Distortion(f_number=8.0, nodes=4, order=1, focal_length=0.05), id="distortion-short"),
+        pytest.param(Distortion(f_number=8.0, nodes=4, order=1, focal_length=0.5), id="distortion-short"),
         pytest.param(
-            Illumination(f_number=8.0, nodes=4, pupil_samples=16, focal_length=0.05, wavelengths=(500.0, 600.0)), id="illumination"
+            Illumination(f_number=8.0, nodes=4, pupil_samples=16, focal_length=0.5, wavelengths=(500.0, 600.0)), id="illumination"
         ),
         pytest.param(Numbers(f_number=8.0, pupil_samples=16, fields=(0.0, 22.0), wavelengths=(550.0,)), id="numbers"),
     ],

@@ -3,9 +3,9 @@
 In:  the weights of the channels by band, transfer functions by band and radial frequency.
 Out: a basis over wavelength, radial tables looked up on planes of frequencies, and what an expansion leaves out.
 
-A channel is sum_l w_l T_l(f) X_l(f). Where the transfer function changes slowly with wavelength, T_l(f) is close to
-sum_j u_j(f) p_j(l) with few functions p_j, and the sum over l can be taken before the transform:
-sum_j u_j(f) FFT[ sum_l w_l p_j(l) x_l ].
+A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly with wavelength, all w_c(l) T_l(f) are close
+to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
+sum_k u_ck(f) FFT[ sum_l g_k(l) x_l ].
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ FITTED = 257
 """Radial frequencies at which a basis is fitted."""
 
 
-def wavelength_basis(weights: FloatArray, terms: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
-    """Functions of wavelength in which a transfer function is expanded, orthonormal under each channel's weights.
+def wavelength_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
+    """Functions of wavelength in which the weighted transfer functions of all channels are expanded.
 
     Parameters
     ----------
     weights : (channel, wavelength) array, not negative
-    terms : int
-        At least 1; no more are made than there are bands with weight.
+    planes : int
+        At least as many as there are channels; no more are made than there are bands with weight.
     transfer : (wavelength, frequency) array
         The transfer functions at some radial frequencies.
     passed : (frequency,) array, not negative
@@ -39,37 +39,49 @@ def wavelength_basis(weights: FloatArray, terms: int, transfer: FloatArray, pass
 
     Returns
     -------
-    (channel, terms, wavelength) array
-        p with sum_l w_l p_i(l) p_j(l) = 1 for i = j, else 0. The first is constant, so that uniform light is exact.
+    (planes, wavelength) array
+        g, orthonormal under 1 / total weight: with which weight each band enters each plane; 0 in bands without weight. The
+        weights of the channels lie in their span, so that uniform light is exact.
 
     Raises
     ------
     ValueError
-        For weights that are negative or all zero, and for fewer than one term.
+        For weights that are negative or all zero, and for fewer planes than channels.
 
     Notes
     -----
-    Source: the singular vectors of what is left of the transfer functions behind the constant: the best basis in the
-    mean square for its number of terms (Eckart and Young 1936).
+    Source: the singular vectors of what the weights themselves leave of the weighted transfer functions: the best basis in
+    the mean square for its number of functions (Eckart and Young 1936).
     """
-    weights = np.asarray(weights, dtype=float)
-    if terms < 1:
-        raise ValueError(f"terms is {terms}; at least 1")
+    weights, scale = _scaled(weights)
+    if planes < weights.shape[0]:
+        raise ValueError(f"planes is {planes}; at least one for each of the {weights.shape[0]} channels")
     if np.any(weights < 0) or not np.all(weights.max(axis=1) > 0):
         raise ValueError("weights must not be negative, and every channel needs one above 0")
-    bands = weights.shape[1]
-    found = np.zeros((weights.shape[0], terms, bands))
-    for channel, own in enumerate(weights):
-        root = np.sqrt(own / own.sum())
-        rest = root[:, None] * transfer * passed
-        rest = rest - root[:, None] * (root @ rest)
-        vectors = np.linalg.svd(rest, full_matrices=False)[0].T[: terms - 1]
-        vectors = vectors - (vectors @ root)[:, None] * root
-        more = min(terms, int(np.count_nonzero(own))) - 1
-        used = np.vstack([root, vectors[:more]])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found[channel, : used.shape[0]] = np.where(root > 0, used / root, 0.0) / np.sqrt(own.sum())
-    return found
+    own, _ = np.linalg.qr((weights * scale).T)
+    wanted = ((weights * scale)[:, :, None] * transfer * passed).transpose(1, 0, 2).reshape(transfer.shape[0], -1)
+    rest = wanted - own @ (own.T @ wanted)
+    vectors = np.linalg.svd(rest, full_matrices=False)[0][:, : planes - weights.shape[0]]
+    vectors = vectors - own @ (own.T @ vectors)
+    with np.errstate(divide="ignore"):
+        back = np.where(scale > 0, 1.0 / scale, 0.0)
+    return np.hstack([own, vectors]).T * back
+
+
+def _scaled(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weights with a sum of 1 for each channel, and 1 / root of their total by band (0 where nothing sees the band)."""
+    weights = np.asarray(weights, dtype=float)
+    sums = weights.sum(axis=1, keepdims=True)
+    weights = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
+    total = weights.sum(axis=0)
+    with np.errstate(divide="ignore"):
+        return weights, np.where(total > 0, 1.0 / np.sqrt(total), 0.0)
+
+
+def coefficients(weights: FloatArray, basis: FloatArray, transfer: FloatArray) -> FloatArray:
+    """(channel, planes, frequency): u with w_c(l) T_l(f) = sum_k u_ck(f) g_k(l), as nearly as the basis can."""
+    seen = basis * _scaled(weights)[1] ** 2
+    return np.einsum("cl,kl,lf->ckf", np.asarray(weights, dtype=float), seen, transfer, optimize=True)
 
 
 def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatArray) -> FloatArray:
@@ -79,18 +91,17 @@ def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatAr
     ----------
     weights : (channel, wavelength) array
     transfer : (wavelength, frequency) array
-    basis : (channel, terms, wavelength) array
+    basis : (planes, wavelength) array
         As ``wavelength_basis`` gives it.
 
     Returns
     -------
     (channel, frequency) array
-        sum_l w_l |T_l - sum_j u_j p_j(l)| / sum_l w_l.
+        sum_l |w_l T_l - sum_k u_k g_k(l)| / sum_l w_l.
     """
     weights = np.asarray(weights, dtype=float)
-    coefficients = np.einsum("cl,cjl,lf->cjf", weights, basis, transfer)
-    rest = np.abs(transfer[None] - np.einsum("cjf,cjl->clf", coefficients, basis))
-    return np.einsum("cl,clf->cf", weights, rest) / weights.sum(axis=1)[:, None]
+    made = np.einsum("ckf,kl->clf", coefficients(weights, basis, transfer), basis)
+    return np.abs(weights[:, :, None] * transfer - made).sum(axis=1) / weights.sum(axis=1)[:, None]
 
 
 class RadialPlane:
@@ -134,6 +145,18 @@ class RadialPlane:
             found[rows] *= self.beyond[rows]
             found[rows] += np.take(table, self.below[rows], mode="clip")
         return found
+
+    def add_product(self, sums: ComplexArray, half_spectrum: ComplexArray, table: FloatArray) -> None:
+        """sums += half_spectrum * table, in place."""
+        factor = self.upper(table)
+        for rows in _blocks(*half_spectrum.shape):
+            for own, mirrored in (
+                (slice(rows.start, min(rows.stop, self.half + 1)), False),
+                (slice(max(rows.start, self.half + 1), rows.stop), True),
+            ):
+                if own.stop > own.start:
+                    part = factor[self.rows - own.stop + 1 : self.rows - own.start + 1][::-1] if mirrored else factor[own]
+                    sums[own] += half_spectrum[own] * part
 
     def multiply(self, half_spectrum: ComplexArray, table: FloatArray) -> None:
         """Multiply a half spectrum (rows, columns) by a table, in place."""

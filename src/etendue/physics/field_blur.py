@@ -9,9 +9,9 @@ Comput. 19, 1063, 1998).
 The exact answer is the direct sum over all samples of the image in front of the lens: each is spread by
 ``PsfBank.kernel_at`` its own position (``weights = "source"``). The flux of every point is then kept exactly. A uniform
 plane stays uniform but for the divergence of the mean displacement and half the second derivatives of the second moments of
-the bank: for spots of some um in a field of some mm 1e-3 and 1e-6, the first gone with ``centre = "centroid"``. With ``weights = "image"`` each sample of the
-result gathers with the kernel of its own place: a uniform plane stays uniform exactly, and the flux of a point changes by as
-much. Beyond the border stands the mirror image, with its own kernels.
+the bank: for spots of some um in a field of some mm 1e-3 and 1e-6, the first gone with ``centre = "centroid"``. With
+``weights = "image"`` each sample of the result gathers with the kernel of its own place: a uniform plane stays uniform
+exactly, and the flux of a point changes by as much. Beyond the border stands the mirror image, with its own kernels.
 
 Both methods take kernels at the nodes of a grid over the window and mix them bilinearly in between. ``tiles`` convolves the
 light around each node with the kernel of the node; ``eigen`` expands the nodes' kernels about their mean in as few kernels
@@ -183,7 +183,14 @@ def prepare(
     mix = mix[:, used]
     sampler = Sampler(bank, spacing, size, light, centre, tuple(int(i) for i in used), _HEIGHT_SHARE * tolerance)
     extra = lost + _HEIGHT_SHARE * tolerance
-    levels = _refined(sampler, y, x, allowed, allowed if method == "tiles" else _EIGEN_SHARE * allowed, count if method == "tiles" else 0)
+    try:
+        finest = allowed if method == "tiles" else _EIGEN_SHARE * allowed
+        levels = _refined(sampler, y, x, allowed, finest, count if method == "tiles" else 0)
+    except ValueError:
+        if method != "auto":
+            raise
+        method = "tiles"  # the finer grid of the eigen-PSFs does not fit; that of the tiles may
+        levels = _refined(sampler, y, x, allowed, allowed, 0)
     offers: dict[str, tuple[int, float, float]] = {}
     if method != "eigen":
         (grid, _, between) = levels[0]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import special
 
 LARGEST_MEAN = 9.2e18  # numpy's exact sampler counts in int64
+LARGEST_INVERTED = 200.0  # electrons, up to which `poisson_by_inversion` searches
 SMALLEST_NORMAL_MEAN = 10.0  # below, the cubic of `cornish_fisher` folds inside the range of normals
 TILE = 64  # pixels
 
@@ -98,8 +99,8 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     mean, uniform = np.broadcast_arrays(_means(mean), np.asarray(uniform, np.float64))
     if not np.all((uniform >= 0) & (uniform < 1)):
         raise ValueError(f"uniform goes from {uniform.min()} to {uniform.max()}; allowed is 0 <= u < 1")
-    if not SMALLEST_NORMAL_MEAN <= exact_below <= 200:
-        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to 200")
+    if not SMALLEST_NORMAL_MEAN <= exact_below <= LARGEST_INVERTED:
+        raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}")
     work = mean.astype(np.float64).reshape(-1)
     uniform = uniform.reshape(-1)
     normal = np.clip(special.ndtri(uniform), -8.3, 8.3)

@@ -56,8 +56,9 @@ def cell_memory(node: Node, cell: Cell, precision: str) -> int:
     size = 4 if precision == "float32" else 8
     own = sum(_held(d.dims, cell.grids[v], precision, item_bytes(d, precision)) for v, d in node.writes.items())
     read = sum(_held(tuple(dim for dim, _ in g.entries), g, precision, size) for g in cell.input_grids.values())
-    terms = getattr(cell.stage, "wavelength_terms", 0)
-    return 2 * own * (1 + terms) + (5 * read if node.segment else 2 * read)
+    grid = cell.input_grids[cell.inputs[0][0]] if node.segment else None
+    gathered = getattr(cell.stage, "wavelength_terms", 0) * size * grid["y"].size * grid["x"].size if grid else 0
+    return 2 * own + gathered + (5 * read if node.segment else 2 * read)
 
 
 def _held(dims: tuple[str, ...], grid: Grid, precision: str, size: int) -> int:

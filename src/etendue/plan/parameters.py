@@ -25,7 +25,10 @@ class Unfit(ValueError):
 
 
 def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
-    """Absolute path of a file parameter (of a folder, where those are allowed); ``package:matplotlib/...`` names a file in an installed distribution."""
+    """Absolute path of a file parameter (of a folder, where those are allowed).
+
+    ``package:matplotlib/...`` names a file in an installed distribution.
+    """
     if text.startswith("package:"):
         package, _, rest = text.removeprefix("package:").partition("/")
         try:

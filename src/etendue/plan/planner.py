@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from etendue.errors import RequestError
+from etendue.errors import Fault, RequestError
 from etendue.plan import cost, leave_out
 from etendue.plan.cells import Choice, expand
 from etendue.plan.graph import build_graph, resolve_keep
@@ -32,6 +32,10 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = resolve_keep(graph.nodes, graph.keep)
+    try:
+        warnings = _warnings(graph.nodes, cells)
+    except RequestError as error:
+        raise RequestError(pipeline.located(error.faults), pipeline.file) from None
     plan = Plan(
         pipeline=pipeline,
         axes=graph.axes,
@@ -42,7 +46,7 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
         precision=precision,
         camera=graph.camera,
         leaves_out=leave_out_allowed,
-        warnings=(*graph.warnings, *_warnings(graph.nodes, cells)),
+        warnings=(*graph.warnings, *warnings),
     )
     return plan
 
@@ -50,9 +54,14 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
 def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
     texts: dict[str, None] = {}
+    places = {node.name: node.place for node in nodes}
     for cell in cells.values():
         if hasattr(cell.stage, "warn"):
-            for text in cell.stage.warn(cell.facts, cell.input_grids):
+            try:
+                found = cell.stage.warn(cell.facts, cell.input_grids)
+            except ValueError as error:
+                raise RequestError([Fault(places[cell.node], str(error))]) from None
+            for text in found:
                 texts[f"{cell.node}: {text}"] = None
     return tuple(texts)
 

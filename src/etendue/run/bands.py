@@ -8,6 +8,8 @@ A consumer that knows nothing of it may call ``numpy.asarray`` and holds the who
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -148,12 +150,41 @@ def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
     return arrays | {v: StageBands(job, v, given) for v in job.by_band}
 
 
+class Timed:
+    """Bands that are made while they are stored: the time of their making is their cell's."""
+
+    def __init__(self, bands: Banded) -> None:
+        self.bands, self.seconds = bands, 0.0
+
+    def __getitem__(self, band: int) -> Any:
+        began = time.thread_time()
+        try:
+            return self.bands[band]
+        finally:
+            self.seconds += time.thread_time() - began
+
+
+class _Elsewhere(threading.local):
+    """Thread time that a cell spends in threads beside its own."""
+
+    seconds = 0.0
+
+
+elsewhere = _Elsewhere()
+
+
 def in_order(light: Any) -> Iterator[Any]:
     """Every band, the next one being made while this one is used."""
+
+    def made(band: int) -> tuple[Any, float]:
+        began = time.thread_time()
+        return light[band], time.thread_time() - began
+
     with ThreadPoolExecutor(1) as ahead:
-        coming = ahead.submit(lambda: light[0])
+        coming = ahead.submit(made, 0)
         for band in range(light.shape[0]):
-            plane = coming.result()
+            plane, seconds = coming.result()
+            elsewhere.seconds += seconds
             if band + 1 < light.shape[0]:
-                coming = ahead.submit(light.__getitem__, band + 1)
+                coming = ahead.submit(made, band + 1)
             yield plane

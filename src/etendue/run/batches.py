@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from etendue.plan.model import CellRef
+from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
 from etendue.run.jobs import Job
 from etendue.run.order import depth_first
@@ -98,7 +99,7 @@ def run_batch(
     for job in jobs:
         began = time.thread_time() if clock is None else clock
         result, report = compute(job, results, began)
-        clock = None if job.store and job.target else began + report.seconds
+        clock = None if (job.store and job.target) or elsewhere.seconds else began + report.seconds
         results[job.ref] = result
         reports.append(report)
         if job.ref in deliver:

@@ -16,7 +16,7 @@ import numpy as np
 from etendue.errors import ArchiveInUse, EtendueError, PluginError
 from etendue.physics.noise import philox
 from etendue.plan.model import CellRef
-from etendue.run.bands import Banded, StoredBands, made_by_band
+from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.run.jobs import Job
 from etendue.run.segments import Otf, Result, transferred
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
@@ -154,6 +154,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         if results[ref].failed:
             return Result(failed=results[ref].failed), CellReport(*job.ref, "skipped", message=f"{results[ref].failed} failed")
     clipped: list[tuple[float, float]] = []
+    elsewhere.seconds = 0.0
     try:
         if job.task == "load":
             result, arrays = _load(job, results)
@@ -172,10 +173,12 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         if arrays:
             arrays = check(job, arrays)
             result.lowest = _undefined(job, arrays)
-        seconds = time.thread_time() - began
+        seconds = time.thread_time() - began + elsewhere.seconds
         written: tuple[Any, ...] = ()
         if job.target and job.store:
-            written = job.target.write({v: arrays[v] for v in job.store})
+            given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
+            written = job.target.write(given)
+            seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
             arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = clipped[0] if clipped else (0.0, 0.0)

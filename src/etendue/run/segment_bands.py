@@ -22,7 +22,7 @@ from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage
 
-TOGETHER = 3  # bands projected in one product
+TOGETHER = 4  # bands projected in one product
 
 
 @dataclass(eq=False)
@@ -85,22 +85,27 @@ class JoinedTransfer:
             own = self._product(self._rows[:, None], self._columns[None, :], self.wavelengths[band : band + 1])[0]
             half_spectrum *= own.astype(np.result_type(half_spectrum.real if own.dtype.kind == "f" else half_spectrum), copy=False)
 
-    def weighted(self, factors: Any, half_spectra: Any) -> Any:
-        """sum_k (sum_l factors[k, l] T_l) S_k over the first axis of ``half_spectra``, which is used up."""
-        total: Any = None
-        if self.stages and self.plane is not None:
-            tables = factors @ self.table
-            for table, spectrum in zip(tables, half_spectra, strict=True):
-                self.plane.multiply(spectrum, table)
-                total = spectrum if total is None else np.add(total, spectrum, out=total)
-            return total
-        sums: Any = 0
-        for band in range(self.wavelengths.size):
+    def gathered(self, weights: Any, basis: Any, half_spectra: Any) -> Any:
+        """(channel, Ny, Nh): sum_k u_ck(f) S_k over the spectra of the gathered planes."""
+        one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
+        sums: Any = None
+        tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
+        for number, spectrum in enumerate(half_spectra):
+            if sums is None:
+                sums = np.zeros((weights.shape[0], *spectrum.shape), dtype=spectrum.dtype)
+            for channel, own in enumerate(sums):
+                if tables is not None:
+                    self.plane.add_product(own, spectrum, tables[channel, number])
+                else:
+                    own += spectrum * self._mixed(one_by_one[channel, number]).astype(spectrum.dtype)
+        return sums
+
+    def _mixed(self, factors: Any) -> Any:
+        """sum_l factors[l] T_l(f) on the frequencies of the transform."""
+        total: Any = np.zeros((1, 1))
+        for band, factor in enumerate(factors):
             own = self._product(self._rows[:, None], self._columns[None, :], self.wavelengths[band : band + 1])[0]
-            sums = sums + factors[:, band, None, None] * own
-        for factor, spectrum in zip(sums, half_spectra, strict=True):
-            spectrum *= factor.astype(np.result_type(spectrum.real if factor.dtype.kind == "f" else spectrum), copy=False)
-            total = spectrum if total is None else np.add(total, spectrum, out=total)
+            total = total + factor * own
         return total
 
 
@@ -168,24 +173,16 @@ def _exact(light: Any, joined: JoinedTransfer, weights: Any) -> Any:
 
 
 def _expanded(job: Job, light: Any, joined: JoinedTransfer, weights: Any, terms: int) -> Any:
-    """Few planes for each channel, each a sum over wavelength taken before its transform."""
+    """Few planes, each a sum over wavelength taken before its transform; every channel is a mixture of them."""
     highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
     frequency = np.linspace(0.0, highest, expansion.FITTED)
     passed = job.stage.passed(frequency)  # type: ignore[attr-defined]
     basis = expansion.wavelength_basis(weights, terms, joined.along(frequency), passed)
-    factors = (weights[:, None, :] * basis).reshape(-1, weights.shape[1])
-    planes = np.zeros((factors.shape[0], *light.shape[1:]), dtype=light.dtype)
+    planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []
     for band, plane in enumerate(in_order(light)):
         group.append(np.asarray(plane))
         if len(group) == TOGETHER or band + 1 == light.shape[0]:
-            expansion.add_projected(planes, factors[:, band + 1 - len(group) : band + 1], group)
+            expansion.add_projected(planes, basis[:, band + 1 - len(group) : band + 1], group)
             group = []
-    channels = None
-    for channel in range(weights.shape[0]):
-        own = slice(channel * terms, (channel + 1) * terms)
-        total = joined.weighted(factors[own], (sampling.spectrum(plane) for plane in planes[own]))
-        if channels is None:
-            channels = np.empty((weights.shape[0], *total.shape), dtype=total.dtype)
-        channels[channel] = total
-    return channels
+    return joined.gathered(weights, basis, (sampling.spectrum(plane) for plane in planes))

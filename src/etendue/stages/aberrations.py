@@ -70,7 +70,7 @@ class Aberrations(Blur, Aberrated):
 
     def bank(self, heights: Any, wavelengths: Any) -> PsfBank:
         """Spread functions at image heights (um) and wavelengths (um), every wavelength on samples of its own."""
-        number, half = self.working_f_number(), self.half(float(wavelengths[0]), heights)
+        number, half = self.cone_f_number(), self.half(float(wavelengths[0]), heights)
         samples = max(self.pupil_samples, math.ceil(2.0 * PER_SPOT * (half + 1)))  # beyond that the sampled pupil repeats itself
         samples += samples % 2
         if samples > MOST_SAMPLES:
@@ -105,7 +105,7 @@ class Aberrations(Blur, Aberrated):
 
     def coarse(self, step: float, shortest: float) -> bool:
         """Whether a grid does not carry what the lens passes. Kernels cut off by it would ring over the whole frame: cell means do not."""
-        return step > 0.5 * shortest * self.working_f_number()
+        return step > 0.5 * shortest * self.cone_f_number()
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared.take(bands)
@@ -137,7 +137,7 @@ class Aberrations(Blur, Aberrated):
         return min(1.0, self.accuracy + coarse + between + colours + (1e-6 if precision == "float32" else 0.0)), "fitted"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return too_coarse(facts, grids["irradiance"], self.working_f_number())
+        return too_coarse(facts, grids["irradiance"], self.cone_f_number())
 
 
 @hookimpl

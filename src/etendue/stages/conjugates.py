@@ -39,3 +39,16 @@ class Conjugates(Stage):
     def pupil_distance(self) -> float:
         """From the exit pupil to the image plane, mm."""
         return float(radiometry.exit_pupil_distance(self.focal_length, self.image_magnification(), self.pupil_magnification))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cone(Conjugates):
+    """Base of the stages of diffraction: the same marginal rays as the light has."""
+
+    aperture_model: str = quantity("aperture_model")
+
+    def cone_f_number(self) -> float:
+        """1/(2 sin) of the half angle of the cone: the cut-off is 1/(lambda times this)."""
+        if self.aperture_model == "aplanatic":
+            return self.working_f_number()
+        return float(radiometry.flat_disc_f_number(self.f_number, self.image_magnification(), self.pupil_magnification))

@@ -125,6 +125,13 @@ class ShotNoise(Stage):
         doc="above this mean the draw is a Cornish-Fisher form within 1e-3 of Poisson in total variation",
     )  # fmt: skip
 
+    def __post_init__(self) -> None:
+        if self.common_draws and self.exact_below > noise.LARGEST_INVERTED:
+            raise ValueError(
+                f"exact_below is {self.exact_below:g} electron; noise = 'common' inverts the distribution up to "
+                f"{noise.LARGEST_INVERTED:g} at most: lower it, or take noise = 'independent'"
+            )
+
     @property
     def common_draws(self) -> bool:
         return self.noise == "common"

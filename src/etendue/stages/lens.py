@@ -15,7 +15,7 @@ from etendue.api import Facts, Grid, Stage, hookimpl, param
 from etendue.physics import annulus, lens
 from etendue.physics.sampling import on_unique_rows
 from etendue.physics.undershoot import undershoot
-from etendue.stages.conjugates import Conjugates
+from etendue.stages.conjugates import Cone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Blur(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffraction(Blur, Conjugates):
+class Diffraction(Blur, Cone):
     """The perfect circular aperture (eqs. 2-4), or one with a dark disc in its middle: its transfer function at every wavelength.
 
     The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or ``t_number``.
@@ -59,11 +59,11 @@ class Diffraction(Blur, Conjugates):
     obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
-        number = self.working_f_number()
+        number = self.cone_f_number()
         return on_unique_rows(lambda rows: annulus.annular_otf(np.hypot(rows, fx), wavelength, number, self.obstruction), fy)
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return too_coarse(facts, grids["irradiance"], self.working_f_number())
+        return too_coarse(facts, grids["irradiance"], self.cone_f_number())
 
 
 def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:

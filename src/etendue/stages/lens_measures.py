@@ -16,11 +16,11 @@ from etendue import spectra
 from etendue.api import Stage, hookimpl, param, quantity
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.physics import diffraction, focus, radiometry
-from etendue.stages.conjugates import Conjugates
+from etendue.stages.conjugates import Cone, Conjugates
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensNumbers(Conjugates):
+class LensNumbers(Cone):
     """Airy diameter (eq. 4), Rayleigh and Sparrow separations, cut-off; focal length (eq. 9); working numbers; depth of field.
 
     The T-number is that of the lens at infinity. Distances are from the front principal plane; ``far_limit`` is infinite from the
@@ -41,7 +41,7 @@ class LensNumbers(Conjugates):
     circle_of_confusion: float = param(5.0, units="um", above=0, doc="blur that still counts as sharp; of the order of the pitch")
 
     def run(self) -> dict[str, Any]:
-        number, wavelength = self.working_f_number(), self.wavelength * 1e-3
+        number, wavelength = self.cone_f_number(), self.wavelength * 1e-3
         circle = self.circle_of_confusion * 1e-3
         near, far = focus.depth_of_field(self.focal_length, self.f_number, circle, self.in_focus(), self.pupil_magnification)
         return {
@@ -51,7 +51,7 @@ class LensNumbers(Conjugates):
             "cutoff_frequency": diffraction.cutoff_frequency(wavelength, number),
             "focal_length_from_field": radiometry.focal_length_from_field(self.half_diagonal, math.radians(self.half_field)),
             "field_of_view": 2 * math.degrees(float(radiometry.field_from_focal_length(self.half_diagonal, self.focal_length))),
-            "working_f_number": number,
+            "working_f_number": self.working_f_number(),
             "equivalent_t_number": self.t_number or radiometry.t_number_of(self.f_number, self.transmittance),
             "exit_pupil_distance": self.pupil_distance(),
             "near_limit": near,

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Stage, hookimpl, quantity
+from etendue.api import hookimpl, quantity
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.physics import electronics, exposure, metering
 from etendue.stages.crosstalk import mixing_of
@@ -97,28 +97,28 @@ class DynamicRangeMetered(RangeFigures):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExposureReport(Stage):
-    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected charge."""
+class ExposureReport(GainChain):
+    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected charge.
+
+    Clipped is what stands at the top code, and what expects more charge than the well holds: read noise behind a full well, or
+    a well that ends below the top code, leaves no trace in the codes.
+    """
 
     reads: ClassVar = {"raw": "... y x [DN] uint16", "expected_charge": "... y x [electron]"}
     writes: ClassVar = {"clipped_fraction": "[1]", "black_fraction": "[1]", "mean_snr": "[1]"}
     nanoseconds: ClassVar = 5.0
 
-    bits: int = quantity("bits")
-    black_level: float = quantity("black_level")
     read_noise: float = quantity("read_noise")
     read_noise_after: float = quantity("read_noise_after")
-    analogue_gain: float = quantity("analogue_gain")
-    iso: float = quantity("iso")
-    base_iso: float = quantity("base_iso")
     dsnu: float = quantity("dsnu")
 
     def run(self, raw: Any, expected_charge: Any) -> dict[str, Any]:
         sigma = float(electronics.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
         variance = expected_charge + expected_charge.dtype.type(sigma**2 + self.dsnu**2)
         snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
+        clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())
         return {
-            "clipped_fraction": np.array(np.count_nonzero(raw >= 2**self.bits - 1) / raw.size),
+            "clipped_fraction": np.array(np.count_nonzero(clipped) / raw.size),
             "black_fraction": np.array(np.count_nonzero(raw <= self.black_level) / raw.size),
             "mean_snr": np.array(snr.mean(dtype=np.float64)),
         }

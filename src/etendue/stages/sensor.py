@@ -86,9 +86,16 @@ class Pixel(Collecting):
     window_rows: int = param(0, at_least=0, doc="rows of the window; 0: all")
     window_columns: int = param(0, at_least=0, doc="columns of the window; 0: all")
     wavelength_terms: int = param(
-        0, at_least=0, at_most=12, fidelity=True, reference="0: every band its own transform",
-        doc="terms of the expansion of the transfer function over wavelength; 2 to 4 serve most lenses faster than all bands",
+        0, at_least=0, at_most=32, fidelity=True, reference="0: every band its own transform",
+        doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve most lenses",
     )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.wavelength_terms < len(self.channels):
+            raise ValueError(
+                f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give as many or more, or 0"
+            )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         light = inputs["irradiance"]
@@ -143,14 +150,14 @@ class Pixel(Collecting):
     def segment_error(self, before: tuple[Stage, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """With an expansion: what it leaves out of light equally strong in every band, at the frequency where that is most."""
         bound, how = self.error(facts, grid, precision)
-        if not self.wavelength_terms or not before:
-            return bound, how
         edges = grid["irradiance"].bands().edges
+        if not before or not 0 < self.wavelength_terms < len(edges) - 1:
+            return bound, how
         highest = 0.5 * math.hypot(1 / grid["irradiance"].line("y").step, 1 / grid["irradiance"].line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
         transfer, passed = joined_transfer(before, frequency, edges), self.passed(frequency)
         weights = electrons_per_irradiance(self, edges)
-        basis = expansion.wavelength_basis(weights, min(self.wavelength_terms, len(edges) - 1), transfer, passed)
+        basis = expansion.wavelength_basis(weights, self.wavelength_terms, transfer, passed)
         return bound + float((passed * expansion.expansion_residual(weights, transfer, basis).max(axis=0)).max()), "fitted"
 
     def passed(self, frequency: Any) -> Any:

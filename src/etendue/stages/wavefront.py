@@ -17,7 +17,7 @@ import numpy as np
 from etendue.api import Facts, Grid, hookimpl, param, quantity
 from etendue.physics import annulus, focus, imaging, pupil, wavefront
 from etendue.physics.sampling import on_unique_rows
-from etendue.stages.conjugates import Conjugates
+from etendue.stages.conjugates import Cone
 from etendue.stages.lens import Blur, too_coarse
 
 COARSE = 64  # cells on which the steepness of the wavefront is looked at
@@ -27,7 +27,7 @@ ROUND_WAVES = {False: 6.0, True: 2.0}  # per pupil radius, clear or obstructed: 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Aberrated(Conjugates):
+class Aberrated(Cone):
     """What stages of an aberrated lens share: defocus and Seidel terms, in um of optical path at the edge of the pupil.
 
     Positive paths move light towards where they grow: positive coma throws its tail outwards, positive defocus puts the image
@@ -59,11 +59,11 @@ class Aberrated(Conjugates):
     def round_path(self, square: Any, height: float = 0.0) -> Any:
         """The terms that depend on the distance from the pupil's centre alone, um, at an image height (of the full one)."""
         own = self.spherical * square * square + self.field_curvature * height * height * square
-        return own + wavefront.defocus(self.shift(), self.working_f_number(), 0.0, np.sqrt(square))
+        return own + wavefront.defocus(self.shift(), self.cone_f_number(), 0.0, np.sqrt(square))
 
     def path_at(self, y: Any, x: Any, height_y: float, height_x: float) -> Any:
         """Optical path over the pupil (um) for an image point at these heights, in units of the full height."""
-        return self.seidel().at(y, x, height_y, height_x) + wavefront.defocus(self.shift(), self.working_f_number(), y, x)
+        return self.seidel().at(y, x, height_y, height_x) + wavefront.defocus(self.shift(), self.cone_f_number(), y, x)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ class Wavefront(Blur, Aberrated):
         super().__post_init__()
         self.shape()  # refuses what contradicts itself
         edge = self.shape().reach()
-        if self.shift() and 2 * self.working_f_number() < edge:
+        if self.shift() and 2 * self.cone_f_number() < edge:
             raise ValueError(f"f_number is {self.f_number:g}: the corners of {self.blades} blades lie beyond what an aplanatic lens has")
 
     def shape(self) -> pupil.Aperture:
@@ -117,7 +117,7 @@ class Wavefront(Blur, Aberrated):
         for (n, m), value in zip(orders, self.zernike, strict=True):
             slope_y += 2.0 * value if (n, m) == (1, -1) else 0.0
             slope_x += 2.0 * value if (n, m) == (1, 1) else 0.0
-        double = 2.0 * self.working_f_number()
+        double = 2.0 * self.cone_f_number()
         return double * slope_y, double * slope_x
 
     def path(self, y: Any, x: Any) -> Any:
@@ -212,7 +212,7 @@ class Wavefront(Blur, Aberrated):
         return np.ascontiguousarray(found.real) if self.even else found
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any = None) -> Any:
-        number = self.working_f_number()
+        number = self.cone_f_number()
         if self.radial and fy.shape[0] > 1:
             return on_unique_rows(lambda rows: self.without_tilt(rows, fx, wavelength, number, prepared), fy)
         value = self.without_tilt(fy, fx, wavelength, number, prepared)
@@ -266,7 +266,7 @@ class Wavefront(Blur, Aberrated):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         grid: Grid = grids["irradiance"]
-        notes = too_coarse(facts, grid, self.working_f_number() / self.shape().reach())
+        notes = too_coarse(facts, grid, self.cone_f_number() / self.shape().reach())
         if not self.flat and not facts.uniform:
             shortest = float(grid.bands().values()[0]) * 1e-3
             if not self.round and self.samples(shortest) > self.pupil_samples:

@@ -16,8 +16,6 @@ from typing import ClassVar
 import numpy as np
 
 from etendue.run.bands import run_bands
-from etendue.run.segments import transfer_of
-from etendue.run.tables import prepared_of
 from etendue.spec.grid import Grid
 from etendue.spec.stage import (
     Probe,
@@ -31,7 +29,6 @@ from etendue.spec.stage import (
 )
 from etendue.testing.bench import (
     CLEAR,
-    EDGES,
     EXTREMES,
     FRAME,
     LARGE,
@@ -61,6 +58,7 @@ from etendue.testing.checks import (
     with_value,
     worst_signs_of,
 )
+from etendue.testing.transfer_checks import check_single_wavelengths, check_transfer
 
 
 class StageConformance:
@@ -334,40 +332,13 @@ class StageConformance:
         bench = self.bench
         if not is_transfer(bench.kind):
             return
-        grids = bench.input_grids()
-        prepared = prepared_of(bench.stage, grids, bench.job().grids)
-        axis = np.array([-0.7, -0.31, -0.05, 0.0, 0.05, 0.31, 0.7])
-        value = np.asarray(transfer_of(bench.stage, axis[:, None], axis[None, :], EDGES, prepared))
-        hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (wavelength, y, x)")
-        hold(value.ndim == 2 or value.shape[0] in (1, len(EDGES) - 1), f"{bench.name}.transfer has {value.shape[0]} planes for 5 bands")
-        hold(bool(np.isfinite(value).all()), f"{bench.name}.transfer is not finite")
-        centre = np.abs(value[..., 3, 3] - 1).max()
-        hold(centre <= 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it makes or loses light")
-        uneven = np.abs(value[..., ::-1, ::-1] - np.conj(value)).max()
-        hold(uneven <= 1e-12, f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex")
-        wide = np.linspace(-3.0, 3.0, 61)
-        highest = np.abs(transfer_of(bench.stage, wide[:, None], wide[None, :], EDGES, prepared)).max()
-        limit = max(1.0, bench.stage.gain or 1.0)
-        hold(highest <= limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
-        if hasattr(bench.stage, "weights"):
-            weights = np.asarray(bench.stage.weights(prepared))
-            right = weights.ndim == 2 and weights.shape[1] == len(EDGES) - 1 and bool(np.isfinite(weights).all())
-            hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(EDGES) - 1}), or is not finite")
+        check_transfer(bench)
 
     def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
         """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some wavelengths."""
         bench = self.bench
         if is_transfer(bench.kind):
-            grids = bench.input_grids()
-            prepared = prepared_of(bench.stage, grids, bench.job().grids)
-            given = [np.linspace(-0.6, 0.6, 5)[:, None], np.linspace(-0.4, 0.9, 6)[None, :]]
-            wavelength = 0.5e-3 * (np.array(EDGES[:-1]) + np.array(EDGES[1:]))[:, None, None]
-            last = [] if prepared is None else [prepared]
-            whole = np.asarray(bench.stage.transfer(*given, wavelength, *last))  # type: ignore[attr-defined]
-            one = np.asarray(bench.stage.transfer(*given, wavelength[2:3], *last))  # type: ignore[attr-defined]
-            wanted = whole[2] if whole.ndim == 3 and whole.shape[0] > 1 else whole.reshape(one.shape[-2:])
-            apart = np.abs(one.reshape(wanted.shape) - wanted).max()
-            hold(apart <= 1e-12, f"{bench.name}.transfer at one wavelength is {apart:.2g} from its value among others")
+            check_single_wavelengths(bench)
         if not hasattr(bench.stage, "by_band"):
             return
         job = bench.job()
@@ -416,6 +387,3 @@ def check_stage(stage: Stage, grids: Mapping[str, Grid] | None = None, scales: M
             text = str(error) if isinstance(error, LawBroken) else f"{type(error).__name__}: {error}"
             findings.append(Finding(law, text))
     return findings
-
-
-# -- parts of the laws ------------------------------------------------------------------------------------

@@ -59,9 +59,11 @@ def tangents_of(degrees: Any) -> FloatArray:
 
 
 def resolved(lens: Lens, tangent: float, wavelength: float, samples: int) -> pupil.Bundle:
-    """A bundle in which the phase of neighbouring rays differs by at most about 1 rad: ``samples`` cells across, or up to 512."""
+    """A bundle in which the phase of neighbouring rays differs by about 1 rad at most, but for the outermost hundredth of them:
+    ``samples`` cells across, or up to 512.
+    """
     bundle = lens.bundle(tangent, wavelength, samples)
-    needed = math.ceil(samples * 2.0 * math.pi * bundle.spread / min(pupil.reach(bundle)))
+    needed = math.ceil(samples * 2.0 * math.pi * _radius(bundle, 0.01) / min(pupil.reach(bundle)))
     return bundle if needed <= samples else lens.bundle(tangent, wavelength, min(needed, max(samples, 512)))
 
 
@@ -126,13 +128,16 @@ def psf_bank(
     return Traced(PsfBank(heights, np.array(wavelengths), pictures, spacing, source), pictures.sum(axis=(2, 3)) / total, wanted)
 
 
-def _needed(bundle: pupil.Bundle, lost: float) -> float:
-    """Radius of a picture beyond which about ``lost`` of its flux lies, um."""
+def _radius(bundle: pupil.Bundle, lost: float) -> float:
+    """Distance from the image point beyond which a share of the rays lands, um."""
     distance = np.hypot(bundle.across_y, bundle.across_x)
     order = np.argsort(distance)
-    inside = np.cumsum(bundle.open[order]) / bundle.open.sum()
-    rays = float(distance[order][min(int(np.searchsorted(inside, 1.0 - 0.5 * lost)), distance.size - 1)])
-    return rays + 2.0 * bundle.wavelength / bundle.range / (math.pi**2 * 0.5 * lost)
+    return float(distance[order][pupil.place_of(bundle.open[order], 1.0 - lost)])
+
+
+def _needed(bundle: pupil.Bundle, lost: float) -> float:
+    """Radius of a picture beyond which about ``lost`` of its flux lies, um."""
+    return _radius(bundle, 0.5 * lost) + 2.0 * bundle.wavelength / bundle.range / (math.pi**2 * 0.5 * lost)
 
 
 def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> FloatArray:

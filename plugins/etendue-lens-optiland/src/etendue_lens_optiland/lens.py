@@ -236,15 +236,19 @@ class Lens:
         ValueError
             Where the lens does not reach so far.
         """
-        tangent, reached = height_um / self.image_distance_um, 0.0
-        for _ in range(24):
+        tangent, passed, reached, dark = height_um / self.image_distance_um, 0.0, 0.0, math.inf
+        for _ in range(40):
             heights = [float(self.chief(tangent, wavelength)[1][0]) for wavelength in wavelengths]
             lowest = min(heights) if np.isfinite(heights).all() else math.nan
-            if math.isfinite(lowest) and lowest >= height_um:
+            if lowest >= height_um:
                 return tangent
-            if not lowest > reached:
+            if lowest > reached:
+                passed, reached, wanted = tangent, lowest, tangent * max(1.005, 1.01 * height_um / lowest)
+            else:  # no light, or an image that folds back
+                dark, wanted = tangent, 0.0
+            tangent = wanted if passed < wanted < dark else 0.5 * (passed + dark)
+            if dark - passed <= 1e-3 * passed:
                 break
-            reached, tangent = lowest, tangent * max(1.005, 1.01 * height_um / lowest)
         raise ValueError(
             f"{self.prescription.name} at {self.focal_length_um * 1e-3:.4g} mm reaches image heights of {reached * 1e-3:.4g} mm, "
             f"but the frame reaches {height_um * 1e-3:.4g} mm from the axis; use a longer focal_length or a smaller frame"

@@ -149,8 +149,8 @@ def load(lens: str, file: str = "") -> Prescription:
             known = _samples()
             if lens not in known:
                 near = get_close_matches(lens, known, 3, 0.4)
-                hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are {', '.join(sorted(known))}"
-                raise ValueError(f"lens is {lens!r}, which is no sample lens of optiland{hint}. For a file give prescription")
+                hint = f", perhaps {' or '.join(near)}" if near else f"; there are {', '.join(sorted(known))}"
+                raise ValueError(f"lens is {lens!r}, which is no sample lens of optiland{hint}; for a file give prescription")
             try:
                 optic = known[lens]()
             except TypeError as error:

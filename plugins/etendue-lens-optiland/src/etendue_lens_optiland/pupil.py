@@ -167,17 +167,22 @@ def reach(bundle: Bundle) -> tuple[float, float]:
 
 
 def strehl(bundle: Bundle) -> float:
-    """Largest intensity of the picture: searched for within the spot, then refined twice.
+    """Largest intensity of the picture: searched for where the densest part of the rays lands, then refined twice.
 
     Notes
     -----
-    Error of the search: below 1e-5 (the last grid is a two-hundredth of the picture's finest detail).
+    Error of the search: below 1e-5 (the last grid is a two-hundredth of the picture's finest detail). It looks around the
+    median of the rays, as far as three fifths of them lie from it and two details more.
     """
     detail = bundle.wavelength / (2.0 * bundle.range)
-    half = min(bundle.spread + 2 * detail, 0.5 * min(reach(bundle)))
+    order = np.argsort(bundle.across_y)
+    middle = float(bundle.across_y[order][place_of(bundle.open[order], 0.5)])
+    distance = np.hypot(bundle.across_y - middle, bundle.across_x)
+    order = np.argsort(distance)
+    half = float(distance[order][place_of(bundle.open[order], 0.6)]) + 2 * detail
     count = max(4, int(np.ceil(half / (0.5 * detail))))
-    y = x = np.linspace(-half, half, 2 * count + 1)
-    step, best = half / count, 0.0
+    x = np.linspace(-half, half, 2 * count + 1)
+    y, step, best = x + middle, half / count, 0.0
     for _ in range(3):
         found = intensity(bundle, y, x)
         row, column = np.unravel_index(int(found.argmax()), found.shape)
@@ -185,6 +190,11 @@ def strehl(bundle: Bundle) -> float:
         offsets = np.linspace(-step, step, 21)
         y, x, step = y[row] + offsets, x[column] + offsets, step / 10
     return best
+
+
+def place_of(weights: FloatArray, share: float) -> int:
+    """Index at which a share of the sum is reached."""
+    return min(int(np.searchsorted(np.cumsum(weights), share * weights.sum())), weights.size - 1)
 
 
 def picture(bundle: Bundle, samples: int, spacing: float) -> FloatArray:

@@ -72,6 +72,12 @@ class Moved(RealLens):
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
 
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        """The light's own; a lens that cannot be had, or does not reach the corner, is refused while planning."""
+        lens = self.opened()
+        lens.tangent_for(_corner_of(inputs["irradiance"]), (lens.reference,))
+        return {}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Blur(Moved):
@@ -111,6 +117,12 @@ class Blur(Moved):
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too")
+        self.traced_wavelengths(self.wavelengths)
+        if self.heights:
+            return super().grid(inputs)
+        lens = self.opened()
+        if not np.isfinite(lens.chief(banks.tangents_of(self.fields), lens.reference)[1]).all():
+            raise ValueError(f"fields are {list(self.fields)}, but {lens.prescription.name} has no image of all of them; use smaller ones")
         return {}
 
     def prepare(self, coordinates: Any) -> Any:
@@ -287,6 +299,7 @@ class Numbers(RealLens):
     pupil_samples: int = param(128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil")
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
+        self.opened()
         fields, lines = Labels(self.fields, "deg"), Labels(self.wavelengths, "nm")
         both = Grid.of({"field": fields, "wavelength": lines})
         return {variable: both for variable in self.writes}

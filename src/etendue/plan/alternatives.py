@@ -1,0 +1,132 @@
+"""The stages that may stand at one place of a pipeline: one, or several where ``.use`` is swept, with their parameters.
+
+In:  a stage's entry, its sweep, the registry.
+Out: classes with resolved values, and the axis that chooses among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from etendue.errors import PluginError, nearest
+from etendue.plan.keys import code_digest
+from etendue.plan.model import Alternative, Axis
+from etendue.plan.parameters import Unfit, expected, resolve
+from etendue.plan.request import Request
+from etendue.spec import camera as standard_camera
+from etendue.spec.pipeline import StageEntry
+from etendue.spec.stage import MISSING, Parameter, Stage, is_transfer, parameters_of, writes_of
+from etendue.spec.units import as_written
+
+Entries = Mapping[str, tuple[Alternative, ...]]  # by the name of the stage
+
+
+def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternative, ...], Axis | None]:
+    """What may stand at an entry, () where nothing can; and the axis of its ``.use``, where that is swept."""
+    key = f"{entry.name}.use"
+    if key not in request.pipeline.sweep:
+        one = _alternative(request, entry.name, entry.use, entry.use, entry.values, entry.place)
+        return ((one,) if one else ()), None
+    place = f"sweep.{key}"
+    values = request.pipeline.sweep[key]
+    if entry.use not in request.registry:
+        request.fault(entry.place, _no_stage(request, entry.use))
+    if isinstance(values, str) or not isinstance(values, list | tuple) or not values:
+        request.fault(place, f"expected a list of stages, got {as_written(values)}")
+        return (), None
+    made, labels = [], []
+    for value in values:
+        table = {"use": value} if isinstance(value, str) else value
+        if not isinstance(table, dict) or not isinstance(table.get("use"), str):
+            request.fault(place, f"expected a stage's name or a table with 'use', got {as_written(value)}")
+            continue
+        label = str(table.get("label", table["use"]))
+        own = {k: v for k, v in table.items() if k not in ("use", "label")}
+        if label in labels:
+            request.fault(place, f"{label!r} stands twice; give one of them another 'label'")
+            continue
+        labels.append(label)
+        shared = entry.values if table["use"] == entry.use else {}  # the stage's own table belongs to its own 'use'
+        one = _alternative(request, entry.name, table["use"], label, {**shared, **own}, place)
+        if one:
+            made.append(one)
+    if made:
+        _check_same_writes(request, made, place)
+    return tuple(made), Axis(key, entry.name, tuple(labels))
+
+
+def meaning(parameter: Parameter) -> str:
+    """What a value that is lacking must be: meaning, unit, range."""
+    return f"{parameter.doc}{expected(parameter)}".removeprefix(", ").strip() or "it has no default"
+
+
+def _alternative(request: Request, stage: str, use: str, label: str, written: Mapping[str, Any], place: str) -> Alternative | None:
+    kind = _load(request, use, place)
+    if kind is None:
+        return None
+    declared = parameters_of(kind)
+    own = [name for name, (parameter, _, _) in declared.items() if not parameter.camera]
+    values: dict[str, Any] = {}
+    for name, value in written.items():
+        if name not in declared:
+            hint = nearest(name, own)
+            if name in standard_camera.names():
+                hint = f"; {name} is a camera quantity: set it under [camera]"
+            else:
+                hint = hint or ("; see: etendue stages " + use if own else "; it has none of its own")
+            request.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint}")
+        elif declared[name][0].camera:
+            request.fault(f"{place}.{name}", f"{name} is shared by several stages: set camera.{name} under [camera]")
+        else:
+            try:
+                values[name] = resolve(value, declared[name][0], declared[name][1], request.pipeline.folder)
+            except Unfit as error:
+                request.fault(f"{place}.{name}", str(error))
+                values[name] = None
+    swept = {key.partition(".")[2] for key in request.pipeline.sweep if key.partition(".")[0] == stage}
+    for name in own:
+        if name not in values:
+            if declared[name][2] is MISSING and name not in swept:
+                request.fault(place, f"{use} needs {name!r}: {meaning(declared[name][0])}")
+            values[name] = None if declared[name][2] is MISSING else declared[name][2]
+    installed = request.registry.installed(use)
+    return Alternative(use, label, kind, values, installed.distribution, installed.version, code_digest(kind))
+
+
+def _load(request: Request, use: str, place: str) -> type[Stage] | None:
+    if use not in request.registry:
+        request.fault(place, _no_stage(request, use))
+        return None
+    clash = request.registry.clash(use)
+    if clash:
+        request.fault(place, f"the stage {use!r} is offered by {' and '.join(clash)}; uninstall one of them")
+        return None
+    try:
+        return request.registry.load(use)
+    except PluginError as error:
+        request.fault(place, str(error))
+        return None
+
+
+def _no_stage(request: Request, use: str) -> str:
+    names = request.registry.names()
+    return f"there is no stage {use!r}{nearest(use, names) or f'; {len(names)} are installed, listed by: etendue stages'}"
+
+
+def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:
+    first = {str(d) for d in writes_of(made[0].kind).values()}
+    for other in made[1:]:
+        own = {str(d) for d in writes_of(other.kind).values()}
+        for one, has, another, lacks in ((other, own, made[0], first), (made[0], first, other, own)):
+            if has - lacks:
+                request.fault(place, f"{one.use} writes {_some(has - lacks)}, which {another.use} does not; alternatives write the same")
+        if own == first and is_transfer(other.kind) != is_transfer(made[0].kind):
+            request.fault(place, f"of {other.use} and {made[0].use} only one is a transfer function; sweep them in two files")
+
+
+def _some(declarations: set[str]) -> str:
+    """The first of some declarations, and how many more there are."""
+    ordered = sorted(declarations)
+    more = f" and {len(ordered) - 1} more" if len(ordered) > 1 else ""
+    return f"'{ordered[0]}'{more}"

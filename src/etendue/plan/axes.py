@@ -1,0 +1,102 @@
+"""The axes of a sweep, and which parameters of which stages each of them sets.
+
+In:  the pipeline's ``[sweep]``, the alternatives at every stage, the camera's quantities, the axes of swapped stages.
+Out: axes in the order of the file, and by stage the (dim, parameter) pairs that reach it directly.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from etendue.errors import nearest
+from etendue.plan.alternatives import Entries
+from etendue.plan.model import Axis
+from etendue.plan.parameters import Unfit, axis_values
+from etendue.plan.quantities import Quantities
+from etendue.plan.request import Request
+from etendue.spec import camera as standard_camera
+from etendue.spec.stage import Parameter, parameters_of
+
+
+class _Target(NamedTuple):
+    """What one line of a sweep sets."""
+
+    parameter: Parameter
+    kind: Any
+    dim: str
+    name: str
+    users: list[str]
+
+
+def resolve_axes(
+    request: Request, entries: Entries, camera: Quantities, swapped: list[Axis]
+) -> tuple[list[Axis], dict[str, list[tuple[str, str]]]]:
+    """All axes, those of ``.use`` among them, and what each of the others sets."""
+    direct: dict[str, list[tuple[str, str]]] = {}
+    by_key = {axis.key: axis for axis in swapped}
+    ordered: list[Axis] = []
+    for key, value in request.pipeline.sweep.items():
+        if key in by_key:
+            ordered.append(by_key[key])
+            continue
+        target = _parameter_of(request, key, entries, camera) if "." in key else _quantity_of(request, key, entries, camera)
+        if target is None:
+            continue
+        place = f"sweep.{key}"
+        try:
+            values = axis_values(value, target.parameter, target.kind, request.pipeline.folder)
+        except Unfit as error:
+            request.fault(place, str(error))
+            continue
+        if values and isinstance(values[0], tuple):
+            values = tuple(" ".join(map(str, v)) for v in values)
+            request.fault(place, "a list of several values per step cannot be an axis")
+        ordered.append(Axis(key, target.dim, values, target.parameter.units))
+        for user in target.users:
+            direct.setdefault(user, []).append((target.dim, target.name))
+    return ordered, direct
+
+
+def _parameter_of(request: Request, key: str, entries: Entries, camera: Quantities) -> _Target | None:
+    """The parameter of a stage that ``stage.parameter`` names; None where nothing, or a fault, comes of it."""
+    stage, _, name = key.partition(".")
+    place = f"sweep.{key}"
+    if stage == "camera" and name in camera.declared:
+        request.fault(place, f"camera quantities are swept by their own name: sweep.{name}")
+        return None
+    if stage not in entries:
+        request.fault(place, f"there is no stage named {stage!r}{nearest(stage, entries)}")
+        return None
+    if name == "use" or not entries[stage]:
+        return None
+    holders = [one for one in entries[stage] if name in parameters_of(one.kind)]
+    if not holders:
+        own = [n for n, (p, _, _) in parameters_of(entries[stage][0].kind).items() if not p.camera]
+        request.fault(place, f"{stage} has no parameter {name!r}{nearest(name, own)}")
+        return None
+    parameter, kind, _ = parameters_of(holders[0].kind)[name]
+    if parameter.camera:
+        request.fault(place, f"{name} is a camera quantity: sweep it by its own name")
+        return None
+    return _Target(parameter, kind, f"{stage}_{name}", name, [stage])
+
+
+def _quantity_of(request: Request, key: str, entries: Entries, camera: Quantities) -> _Target | None:
+    """The camera quantity that a bare name means; None where nothing, or a fault, comes of it."""
+    place = f"sweep.{key}"
+    if key in camera.found:
+        finder, instead = camera.found[key]
+        request.fault(place, f"{finder!r} finds {key} itself: {instead.replace('<stage>', finder)}")
+        return None
+    if key not in camera.declared:
+        if not request.whole:
+            return None
+        if key in standard_camera.names():
+            request.fault(place, "an axis of nothing: no stage of this pipeline depends on it; leave it out")
+        else:
+            known = [*camera.declared, *(f"{s}.use" for s in entries)]
+            request.fault(place, f"there is nothing named {key!r} to sweep{nearest(key, known)}")
+        return None
+    one = camera.declared[key]
+    users = [s for s, made in entries.items() if any(key in parameters_of(o.kind) for o in made)]
+    return _Target(one.parameter, one.kind, key, key, users)

@@ -1,0 +1,198 @@
+"""Ports bound to the stages that write them: what a node reads, writes and looks at, and which axes reach it.
+
+In:  the alternatives at every stage, the axes, and what each axis sets.
+Out: nodes in the order of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from etendue.errors import PluginError, nearest
+from etendue.plan.alternatives import Entries
+from etendue.plan.model import Alternative, Axis, Node
+from etendue.plan.request import Request
+from etendue.registry import Registry
+from etendue.spec.pipeline import StageEntry
+from etendue.spec.stage import Probe, Stage, ends_in_sum, reads_of, writes_of
+from etendue.spec.variables import Declaration
+
+Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
+Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
+
+
+def link(
+    request: Request,
+    entries: Entries,
+    swapped: Mapping[str, Axis],
+    axes: list[Axis],
+    direct: Mapping[str, list[tuple[str, str]]],
+) -> list[Node]:
+    """One node for every stage that could be read."""
+    nodes: list[Node] = []
+    for number, entry in enumerate(request.pipeline.stages, 1):
+        made = entries[entry.name]
+        if not made:
+            continue
+        inputs = tuple(_bind(request, entry, one, nodes) for one in made)
+        looks_at = _looks(request, made[0].kind, nodes)
+        use_axis = swapped[entry.name].dim if entry.name in swapped else None
+        own = {dim for dim, _ in direct.get(entry.name, [])} | ({use_axis} if use_axis else set())
+        reach = own | _reach(inputs, looks_at, nodes)
+        node = Node(
+            name=entry.name,
+            number=number,
+            place=entry.place,
+            alternatives=made,
+            direct=tuple(direct.get(entry.name, [])),
+            use_axis=use_axis,
+            inputs=inputs,
+            looks_at=looks_at,
+            writes=_resolved_writes(request, entry, made, inputs, nodes),
+            axes=tuple(axis.dim for axis in axes if axis.dim in reach),
+        )
+        nodes.append(replace(node, segment=_segment(node, nodes)))
+    return nodes
+
+
+def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[Node]) -> Bound:
+    """Which earlier node writes each port of an alternative."""
+    bound = []
+    reads = reads_of(one.kind)
+    for port in entry.origin:
+        if port not in reads:
+            request.fault(f"{entry.place}.from", f"{one.use} has no port {port!r}{nearest(port, reads)}")
+    for port, declaration in reads.items():
+        variable = declaration.variable
+        if variable.startswith("*."):
+            continue
+        node = (
+            _named_writer(request, entry, port, variable, earlier)
+            if port in entry.origin
+            else _nearest_writer(request, entry, one, variable, earlier)
+        )
+        if node is None:
+            continue
+        written = node.writes[variable]
+        if not declaration.accepts(written.dims) or declaration.unit != written.unit or declaration.dtype != written.dtype:
+            request.fault(
+                entry.place,
+                f"{one.use} reads {variable} as '{declaration}', but {node.name!r} writes '{written}'; "
+                f"put a stage between them that converts it",
+            )
+        bound.append((port, node.name, variable))
+    return tuple(bound)
+
+
+def _named_writer(request: Request, entry: StageEntry, port: str, variable: str, earlier: list[Node]) -> Node | None:
+    """The node that ``from`` names for a port."""
+    source, place = entry.origin[port], f"{entry.place}.from.{port}"
+    node = next((n for n in earlier if n.name == source), None)
+    before = [n.name for n in earlier if variable in n.writes]
+    if node is None:
+        names = [each.name for each in request.pipeline.stages]
+        if source not in names:
+            request.fault(place, f"there is no stage {source!r}{nearest(source, before)}")
+        elif names.index(source) >= names.index(entry.name):
+            request.fault(
+                place,
+                f"{source!r} stands {'later' if source != entry.name else 'here'}; a stage reads what an earlier one writes, "
+                "so there are no cycles",
+            )
+        return None
+    if variable not in node.writes:
+        hint = f"; {variable} is written by {', '.join(before)}" if before else ""
+        request.fault(place, f"{source!r} writes {', '.join(node.writes)}, not {variable}{hint}")
+        return None
+    return node
+
+
+def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, variable: str, earlier: list[Node]) -> Node | None:
+    """The last node before a stage that writes what it reads."""
+    node = next((n for n in reversed(earlier) if variable in n.writes), None)
+    if node is None and request.whole:
+        writers = _writers_of(request.registry, variable)
+        hint = f"; put one of these before it: {', '.join(writers)}" if writers else ""
+        request.fault(entry.place, f"{one.use} reads {variable}, but no earlier stage writes it{hint}")
+    return node
+
+
+def _writers_of(registry: Registry, variable: str) -> list[str]:
+    found = []
+    for name in registry.names():
+        try:
+            kind = registry.load(name)
+        except PluginError:
+            continue
+        if variable in writes_of(kind) and variable not in {d.variable for d in reads_of(kind).values()}:
+            found.append(name)
+    return found[:6]
+
+
+def _looks(request: Request, kind: type[Stage], earlier: list[Node]) -> Looks:
+    """What a probe looks at."""
+    found = []
+    for port, declaration in reads_of(kind).items():
+        if not declaration.variable.startswith("*."):
+            continue
+        what = declaration.variable.removeprefix("*.")
+        if not issubclass(kind, Probe):
+            request.fault(port, f"{kind.__name__} reads {declaration.variable}; only a Probe may look at all stages")
+        if what == "transfer":
+            chosen = tuple(n.name for n in earlier if n.is_transfer)
+        else:
+            chosen = tuple(n.name for n in earlier if what in n.writes and not n.is_probe)
+        found.append((port, what, chosen))
+    return tuple(found)
+
+
+def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> set[str]:
+    """Dims that reach a node through what it reads and looks at."""
+    read = {source for bound in inputs for _, source, _ in bound}
+    seen = {name for _, what, names in looks_at if what != "transfer" for name in names}
+    reach = {dim for node in earlier if node.name in read | seen for dim in node.axes}
+    for looked in (n for n in earlier for _, what, names in looks_at if what == "transfer" and n.name in names):
+        # a transfer function depends on its stage, and on the wavelengths of the scenes in front of it
+        for node in [looked, *(n for n in _ancestors(looked, earlier) if n.is_source)]:
+            reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
+    return reach
+
+
+def _ancestors(node: Node, nodes: list[Node]) -> list[Node]:
+    """Every node that a node reads from, at any distance."""
+    by_name = {n.name: n for n in nodes}
+    found: dict[str, Node] = {}
+    open_ = [node]
+    while open_:
+        for source in {s for bound in open_.pop().inputs for _, s, _ in bound} - set(found):
+            found[source] = by_name[source]
+            open_.append(by_name[source])
+    return list(found.values())
+
+
+def _resolved_writes(
+    request: Request, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]
+) -> dict[str, Declaration]:
+    """What a stage writes, ``...`` replaced by the leading dims of what it reads."""
+    by_name = {node.name: node for node in earlier}
+    found: list[dict[str, Declaration]] = []
+    for one, bound in zip(made, inputs, strict=True):
+        reads = reads_of(one.kind)
+        leading = {reads[port].leading(by_name[source].writes[variable].dims) for port, source, variable in bound} - {()}
+        if len(leading) > 1:
+            shown = " and ".join(" ".join(dims) for dims in sorted(leading))
+            request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
+        dims = min(leading, default=())
+        found.append({d.variable: d.led_by(dims) for d in writes_of(one.kind).values()})
+    return found[0]
+
+
+def _segment(node: Node, earlier: list[Node]) -> tuple[str, ...]:
+    """Names of the transfer nodes joined before this one, and itself; () where it is no transfer function."""
+    if not node.is_transfer or not node.inputs[0]:
+        return ()
+    source = next(n for n in earlier if n.name == node.inputs[0][0][1])
+    if source.is_transfer and not ends_in_sum(source.kind):
+        return (*source.segment, node.name)
+    return (node.name,)

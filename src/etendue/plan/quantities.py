@@ -1,0 +1,104 @@
+"""Camera quantities: what the stages of a pipeline share, given under ``[camera]`` or by the sensor's preset.
+
+In:  the alternatives at every stage, the pipeline's camera and preset.
+Out: ``Quantities``: declared by whom, with which value, found by which stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from etendue.errors import nearest
+from etendue.plan.alternatives import Entries, meaning
+from etendue.plan.parameters import Unfit, resolve
+from etendue.plan.request import Request
+from etendue.spec import camera as standard_camera
+from etendue.spec.stage import MISSING, Parameter, parameters_of
+
+
+class Declared(NamedTuple):
+    """A camera quantity as the first stage that takes it declares it."""
+
+    parameter: Parameter
+    kind: Any
+    default: Any
+    use: str
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """The camera of a pipeline."""
+
+    declared: Mapping[str, Declared]
+    values: dict[str, Any]  # None where a required one is lacking, or swept
+    found: Mapping[str, tuple[str, str]]  # those that a stage finds itself: which stage, and what to do instead
+
+
+def resolve_camera(request: Request, entries: Entries) -> Quantities:
+    """The camera's values, for all stages at once."""
+    declared = _declared_by(request, entries)
+    values = _values_of(request, declared)
+    return Quantities(declared, values, _found_by(request, entries))
+
+
+def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
+    declared: dict[str, Declared] = {}
+    for alternatives in entries.values():
+        for one in alternatives:
+            for name, (parameter, kind, default) in parameters_of(one.kind).items():
+                if not parameter.camera:
+                    continue
+                first = declared.setdefault(name, Declared(parameter, kind, default, one.use))
+                if first.parameter.units != parameter.units:
+                    request.fault(
+                        f"camera.{name}",
+                        f"{one.use} takes it in {parameter.units}, but {first.use} in {first.parameter.units}",
+                    )
+    return declared
+
+
+def _values_of(request: Request, declared: Mapping[str, Declared]) -> dict[str, Any]:
+    pipeline = request.pipeline
+    values: dict[str, Any] = {}
+    given = {**pipeline.preset, **pipeline.camera}
+    for name, value in given.items():
+        if name not in declared:
+            if name not in pipeline.camera:
+                continue  # a sensor has more sides than a pipeline may ask for
+            if name in standard_camera.names():
+                request.warnings.append(f"camera.{name} is not used by any stage of this pipeline")
+            else:
+                known = ["sensor", *declared, *standard_camera.names()]
+                request.fault(f"camera.{name}", f"unknown camera quantity{nearest(name, known)}")
+            continue
+        try:
+            values[name] = resolve(value, declared[name].parameter, declared[name].kind, pipeline.folder)
+        except Unfit as error:
+            request.fault(f"camera.{name}", str(error))
+    for name, one in declared.items():
+        if name not in given:
+            if one.default is MISSING and name not in pipeline.sweep:
+                request.fault(f"camera.{name}", f"{one.use} needs it under [camera]: {meaning(one.parameter)}")
+            values[name] = None if one.default is MISSING else one.default
+    return values
+
+
+def _found_by(request: Request, entries: Entries) -> dict[str, tuple[str, str]]:
+    """What stages find from the light; such a camera quantity cannot be given to another stage."""
+    found: dict[str, tuple[str, str]] = {}
+    for name, made in entries.items():
+        for one in made:
+            found.update({quantity: (name, instead) for quantity, instead in one.kind.finds.items()})
+    for name, made in entries.items():
+        for one in made:
+            for quantity in found.keys() & parameters_of(one.kind).keys():
+                finder, instead = found[quantity]
+                other = f"{one.use}_metered"
+                hint = f"; use {other}" if other in request.registry else ""
+                request.fault(
+                    f"stages.{name}",
+                    f"{one.use} takes camera.{quantity}, which {finder!r} finds: {instead.replace('<stage>', finder)}{hint}",
+                )
+    return found

@@ -1,0 +1,51 @@
+"""What is measured of a transfer function: mean, symmetry, height, and that a wavelength alone is that wavelength among others.
+
+In:  a ``Bench`` whose stage has ``transfer``.
+Out: nothing, or ``LawBroken``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from etendue.run.segments import transfer_of
+from etendue.run.tables import prepared_of
+from etendue.testing.bench import EDGES, Bench
+from etendue.testing.checks import hold
+
+
+def check_transfer(bench: Bench) -> None:
+    """Shape, 1 at zero frequency, Hermitian, no higher than ``gain`` allows; weights of every band, where it ends in a sum."""
+    grids = bench.input_grids()
+    prepared = prepared_of(bench.stage, grids, bench.job().grids)
+    axis = np.array([-0.7, -0.31, -0.05, 0.0, 0.05, 0.31, 0.7])
+    value = np.asarray(transfer_of(bench.stage, axis[:, None], axis[None, :], EDGES, prepared))
+    hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (wavelength, y, x)")
+    hold(value.ndim == 2 or value.shape[0] in (1, len(EDGES) - 1), f"{bench.name}.transfer has {value.shape[0]} planes for 5 bands")
+    hold(bool(np.isfinite(value).all()), f"{bench.name}.transfer is not finite")
+    centre = np.abs(value[..., 3, 3] - 1).max()
+    hold(centre <= 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it makes or loses light")
+    uneven = np.abs(value[..., ::-1, ::-1] - np.conj(value)).max()
+    hold(uneven <= 1e-12, f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex")
+    wide = np.linspace(-3.0, 3.0, 61)
+    highest = np.abs(transfer_of(bench.stage, wide[:, None], wide[None, :], EDGES, prepared)).max()
+    limit = max(1.0, bench.stage.gain or 1.0)
+    hold(highest <= limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
+    if hasattr(bench.stage, "weights"):
+        weights = np.asarray(bench.stage.weights(prepared))
+        right = weights.ndim == 2 and weights.shape[1] == len(EDGES) - 1 and bool(np.isfinite(weights).all())
+        hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(EDGES) - 1}), or is not finite")
+
+
+def check_single_wavelengths(bench: Bench) -> None:
+    """The value at one wavelength is the value at that wavelength among others."""
+    grids = bench.input_grids()
+    prepared = prepared_of(bench.stage, grids, bench.job().grids)
+    given = [np.linspace(-0.6, 0.6, 5)[:, None], np.linspace(-0.4, 0.9, 6)[None, :]]
+    wavelength = 0.5e-3 * (np.array(EDGES[:-1]) + np.array(EDGES[1:]))[:, None, None]
+    last = [] if prepared is None else [prepared]
+    whole = np.asarray(bench.stage.transfer(*given, wavelength, *last))  # type: ignore[attr-defined]
+    one = np.asarray(bench.stage.transfer(*given, wavelength[2:3], *last))  # type: ignore[attr-defined]
+    wanted = whole[2] if whole.ndim == 3 and whole.shape[0] > 1 else whole.reshape(one.shape[-2:])
+    apart = np.abs(one.reshape(wanted.shape) - wanted).max()
+    hold(apart <= 1e-12, f"{bench.name}.transfer at one wavelength is {apart:.2g} from its value among others")
