@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 SPACING, F_NUMBER = 2.0, 5.6
-WAYS = {"exact": 0, "7 terms": 7, "8 terms": 8, "9 terms": 9}
+WAYS = {"exact": 0, "7 terms": 7, "8 terms": 8}
 
 
 def write_cube(path: Path, bands: int, rows: int, columns: int) -> None:

@@ -263,3 +263,16 @@ def test_transfer_stages_keep_every_law_on_cells(name):
     lines = {dim: Line(size, -0.5 * (size - 1) * 2.0, 2.0, cells=True) for dim, size in (("y", 9), ("x", 12))}
     grid = Grid.of({"wavelength": Bands(EDGES), **lines})
     assert check_stage(installed_stages().load(name)(**needed[name]), {"irradiance": grid}) == []
+
+
+def test_the_pictures_of_a_point_on_black_show_a_point_and_no_noise():
+    stages = [
+        {"use": "points", "name": "scene", "white_luminance": 100, "width": 101, "height": 101, "light": "cells", "pitch": 5000,
+         "background": 0, "bin_width": 100},
+        {"use": "irradiance"}, {"use": "diffraction"},
+    ]  # fmt: skip
+    with np.errstate(all="raise", under="ignore"):
+        tree = etendue.simulate({"name": "point", "precision": "float64", "camera": {"peak_qe": [0.5]}, "stages": stages}, leave_out=False)
+    preview = tree["frames"].preview.values
+    assert np.all(preview.max(axis=(1, 2, 3)) == 255)
+    assert preview.mean() < 0.05 * 255  # of 101 x 101 cells a spot of a dozen is bright

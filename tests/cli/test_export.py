@@ -122,6 +122,16 @@ def test_libraw_reads_the_archives_numbers_levels_white_and_exposure(pitch, shap
         assert raw.other.iso_speed == 200
 
 
+@pytest.mark.parametrize(("well_stage", "level"), [('[[stages]]\nuse = "full_well"\n', 64 + 2 * 0.1 * 2000 * (3 * 0.741) ** 2), ("", 4095)])
+def test_the_white_level_is_the_full_well_where_it_ends_below_the_top_code(well_stage, level, run, tmp_path):
+    text = PIPELINE.partition("[sweep]")[0].replace("iso = 200", "iso = 200\nconversion_gain = 0.1\npixel_pitch = 3")
+    etendue.simulate(text.replace('[[stages]]\nuse = "adc"', well_stage + '[[stages]]\nuse = "adc"'), archive=tmp_path / "low")
+    code, _, err = run(tmp_path / "low", "--dng", "--output", "one.dng")
+    assert code == 0, err
+    with tifffile.TiffFile(tmp_path / "one.dng") as file:
+        assert file.pages[0].tags[50717].value == round(level)
+
+
 def test_libraw_develops_grey_patches_grey_and_colours_in_their_hue(archive, run, tmp_path):
     rawpy = pytest.importorskip("rawpy")
     assert run(archive, "--dng", "--at", "f_number=4", "--at", "pixel_pitch=3", "--output", "one.dng")[0] == 0

@@ -18,6 +18,7 @@ from etendue.errors import Fault, RequestError
 from etendue.export import dng, tiff
 from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain, read_at
 from etendue.export.masks import mask_of, note
+from etendue.stages.gain_chain import GainChain
 
 MANY = 64
 SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff")}
@@ -188,7 +189,7 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
         raw=frame.picture(),
         mask=mask_of(shelf, frame),
         black=float(shelf.parameter(frame, "black_level")),
-        white_level=2 ** int(shelf.parameter(frame, "bits")) - 1,
+        white_level=white_level(shelf, frame),
         camera_white=shelf.beside(frame, "white"),
         balanced_to_xyz=shelf.beside(frame, "colour_matrix"),
         illuminant=str(shelf.parameter(frame, "illuminant", "")),
@@ -202,6 +203,18 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
         software=_software(),
         when=_when(shelf),
     )
+
+
+def white_level(shelf: Shelf, frame: Frame) -> int:
+    """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips there."""
+    top = 2 ** int(shelf.parameter(frame, "bits")) - 1
+    if not any("full_well" in node["stage"] for node in shelf.record["nodes"].values()):
+        return top
+    known = {quantity: shelf.parameter(frame, quantity) for quantity in GainChain.__dataclass_fields__}
+    if None in known.values():
+        return top
+    chain = GainChain(**known)
+    return round(float(shelf.parameter(frame, "black_level")) + chain.saturation() * chain.dn_per_electron())
 
 
 def _iso(shelf: Shelf, frame: Frame) -> float | None:

@@ -108,9 +108,10 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                 continue
             if kind not in scales:
                 # a value of 1 means white in these; elsewhere the brightest part of the first picture does
-                bright = (
-                    1.0 if variable in ("rgb_linear", "xyz_display", "xyz_scene") else float(np.quantile(linear.max(axis=0), 0.995)) / 0.9
-                )
+                bright = 1.0
+                if variable not in ("rgb_linear", "xyz_display", "xyz_scene"):
+                    peaks = linear.max(axis=0)  # a thousandth of the brightest at least: beside a point all else may be next to nothing
+                    bright = max(float(np.quantile(peaks, 0.995)), 1e-3 * float(peaks.max())) / 0.9
                 scales[kind] = bright if bright > 0 else 1.0
             picture = srgb_encode(np.clip(linear / scales[kind], 0, 1))
         size = (array.shape[-2], array.shape[-1])
