@@ -123,6 +123,11 @@ def knobs(folder: Path) -> dict[str, tuple[Any, list[Any], Any]]:
             one({"use": "wavefront", "aperture": "polygonal", "blades": 7, "defocus": 0.01}, "pupil_samples"), [32, 64, 128, 256], 1024),
         "aberrations.accuracy": (one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "accuracy"), [0.1, 0.05, 0.02, 0.01], 0.005),
         "aberrations.heights": (one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "heights", accuracy=0.01), [3, 5, 9, 17], 33),
+        "aberrations.bands": (
+            lambda v: camera({"use": "aberrations", "coma": 0.5, "bands": v, "accuracy": 0.02}, wanted="aberrations.irradiance",
+                             precision="float64", scene={**few, "bin_width": 25}), [3, 5, 7, 9], 12),
+        "aberrations.pupil_samples": (
+            one({"use": "aberrations", "coma": 0.5, "astigmatism": 0.3}, "pupil_samples", accuracy=0.02), [32, 64, 128, 256], 512),
         "lens_psf_field.tolerance": (one({"use": "lens_psf_field", "file": file}, "tolerance"), [0.3, 0.1, 0.03, 0.01], 0.003),
         "distortion.order": (one({"use": "distortion", "k1": -0.05, "reference_radius": 0.25}, "order"), [1, 3, 5], 5),
         "distortion.oversampling": (

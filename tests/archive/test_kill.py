@@ -42,14 +42,14 @@ SLOWLY = (
     FINELY
     + """
 import time
-from etendue.physics import mosaic
-picked = mosaic.pick
+from etendue.physics import cfa
+picked = cfa.pick
 
 def pick(*arguments):
     time.sleep(0.2)
     return picked(*arguments)
 
-mosaic.pick = pick
+cfa.pick = pick
 """
 )
 
@@ -190,7 +190,7 @@ def test_killed_with_another_parameter_and_put_back(whole, tmp_path, die_after):
     with xarray.open_datatree(archive / "data.zarr", engine="zarr", chunks=None, consolidated=False) as tree:
         assert (tree["diffraction/status"].values == 4).all()
         assert (tree["sharpen/32x32/status"].values == 4).all()
-        assert (tree["irradiance/status"].values <= 1).all()
+        assert (tree["scene/status"].values <= 1).all()
     done = command("run", place / "small.toml", "--archive", archive, "--json")
     assert done.returncode == 0, done.stderr
     assert_same_archives(archive, place / "whole")

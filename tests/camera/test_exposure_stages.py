@@ -362,3 +362,18 @@ def test_the_share_of_defects_is_as_asked_and_belongs_to_the_serial():
     other["camera"]["sensor_serial"] = "2"
     moved = etendue.simulate(other)["defects"].defect_map.values
     assert np.count_nonzero((moved > 0) & (kinds > 0)) < 0.1 * counts[1]
+
+
+def test_the_linear_scale_ends_where_the_well_is_full_when_that_comes_before_the_top_code():
+    """12 bits, 0.1 DN an electron: a well of 16011 electrons ends 1601 codes above black, and is 1 on the linear scale."""
+    document = pipeline(
+        "exposure", "full_well", "adc", "linearise", "white", camera={"conversion_gain": 0.1, "integration_time": 100}, exposure=even(),
+        wanted=["mosaic_linear", "white"],
+    )  # fmt: skip
+    document["stages"].insert(5, {"use": "shot_noise"})
+    tree = etendue.simulate(document)
+    well = 1000 * (5.4 * 0.741) ** 2
+    # one code is 1 / 1601 of the scale
+    np.testing.assert_allclose(tree["linearise"].mosaic_linear.values, 1, atol=0.5 / (0.1 * well))
+    rate, _ = rate_of_white()
+    np.testing.assert_allclose(tree["white"].white.values, 100 * rate / well, rtol=1e-12)

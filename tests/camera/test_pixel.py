@@ -250,3 +250,25 @@ def test_the_whole_camera_runs_through_the_filters():
     )  # fmt: skip
     assert np.isfinite(tree["encode"].rgb_display.values).all()
     assert list(tree["demosaic_bilinear"].rgb_camera.channel.values) == ["R", "G", "B"]
+
+
+def test_a_sensor_that_sees_beyond_the_light_says_so(tmp_path):
+    def said(sensitivity, **scene):
+        document = camera(
+            "pixel", chart="points", scene={**EDGE, **scene}, camera={"sensitivity": sensitivity, "peak_qe": [0.5], "illuminant": "E"}
+        )
+        return [text for text in make_plan(from_document(document), installed_stages()).warnings if "is left out" in text]
+
+    def table(last):
+        path = tmp_path / f"until_{last}.csv"
+        path.write_text(f"wavelength_nm,R,G,B\n400,1,1,1\n{last},1,1,1\n")
+        return str(path)
+
+    visible = {"wavelength_from": 400, "wavelength_to": 700, "bin_width": 20}
+    assert said("flat", **visible)
+    # 400 to 1000 nm, of which the light has half
+    assert said(table(1000), **visible)[0].startswith("pixel: 50 %")
+    assert not said(table(1000), **{**visible, "wavelength_to": 1000})
+    assert not said(table(700), **visible)
+    assert not said("Nikon 5100 (NPL)", **visible)
+    assert not said("flat", wavelength_from=540, wavelength_to=560, bin_width=20)  # light of a monochromator

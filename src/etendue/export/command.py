@@ -10,7 +10,7 @@ import importlib.metadata
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -210,11 +210,10 @@ def white_level(shelf: Shelf, frame: Frame) -> int:
     top = 2 ** int(shelf.parameter(frame, "bits")) - 1
     if not any("full_well" in node["stage"] for node in shelf.record["nodes"].values()):
         return top
-    known = {quantity: shelf.parameter(frame, quantity) for quantity in GainChain.__dataclass_fields__}
-    if None in known.values():
+    known = {quantity.name: shelf.parameter(frame, quantity.name) for quantity in fields(GainChain)}
+    if None in known.values():  # no stage of gain and converter of the package
         return top
-    chain = GainChain(**known)
-    return round(float(shelf.parameter(frame, "black_level")) + chain.saturation() * chain.dn_per_electron())
+    return round(float(shelf.parameter(frame, "black_level")) + GainChain(**known).white())
 
 
 def _iso(shelf: Shelf, frame: Frame) -> float | None:

@@ -56,7 +56,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     return codes.astype(np.uint16 if bits <= 16 else np.uint32)
 
 
-def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np.float32) -> NDArray:
+def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np.float32, white: float | None = None) -> NDArray:
     """Raw codes as a fraction of the range above black; 1 is clipping, negative values are kept.
 
     Parameters
@@ -65,9 +65,11 @@ def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np
     black_level : float, DN
         From 0 to below the top code.
     bits : int
-        1 to 32; white is 2**bits - 1.
+        1 to 32.
     dtype : float32 or float64
         Of the result.
+    white : float, DN above black
+        Where pixels saturate: above 0, at most the top code 2**bits - 1 less black, which it is where none is given.
 
     Returns
     -------
@@ -89,7 +91,10 @@ def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np
     work = np.result_type(dtype, np.float64) if bits > 16 else np.dtype(dtype)
     values = np.asarray(raw).astype(work)
     values -= float(black_level)
-    values /= float(top - black_level)
+    white = float(top - black_level) if white is None else float(white)
+    if not 0 < white <= top - black_level:
+        raise ValueError(f"white is {white!r} above black; allowed are numbers above 0 and at most {top - black_level:g}")
+    values /= white
     return values.astype(dtype, copy=False)
 
 

@@ -50,7 +50,7 @@ class WhiteSignal(GainChain, Collecting):
     def after(self, time: float, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
         rates = prepared[0] * white_irradiance
         electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * time
-        return {"white": electrons * (self.dn_per_electron() / (2**self.bits - 1 - self.black_level))}
+        return {"white": electrons * (self.dn_per_electron() / self.white())}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (2e-7 if precision == "float32" else 1e-15), "proved"

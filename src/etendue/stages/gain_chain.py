@@ -77,3 +77,9 @@ class GainChain(Amplifier):
     def saturation(self) -> float:
         """Charge at which the well is full or the top code is reached."""
         return electronics.saturation_charge(self.well(), self.dn_per_electron(), self.black_level, self.bits)
+
+    def white(self) -> float:
+        """Digital numbers between black and saturation: to the top code, or to the full well where that comes first."""
+        top = float(2**self.bits - 1 - self.black_level)
+        filled = self.well() * self.dn_per_electron()
+        return top if filled >= top * (1 - 1e-12) else filled

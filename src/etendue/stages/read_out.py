@@ -1,7 +1,7 @@
 """Read-out: charge to digital numbers, and back to a linear scale.
 
 In:  ``charge`` (y, x) or (frame, y, x), electron.
-Out: ``raw``, DN, and ``mosaic_linear``, 1 at the top code.
+Out: ``raw``, DN, and ``mosaic_linear``, 1 where pixels saturate.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class Adc(GainChain):
         share = 0.5 * math.erfc((self.black_level + 0.5) / (wide * math.sqrt(2)))
         return [
             f"the pedestal, black_level = {self.black_level:g} DN, is under 4 sigma of the read noise ({sigma:.3g} electron = "
-            f"{wide:.3g} DN): {share:.1%} of a dark frame are cut off at code 0, which lifts its mean; {math.ceil(4 * wide)} DN hold it"
+            f"{wide:.3g} DN): {share:.2g} of a dark frame is cut off at code 0, which lifts its mean; {math.ceil(4 * wide)} DN hold it"
         ]
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
@@ -147,19 +147,16 @@ class Adc(GainChain):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linearise(Stage):
-    """(DN - black) / (white - black): 1 at clipping, negative values kept."""
+class Linearise(GainChain):
+    """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept."""
 
     reads: ClassVar = {"raw": "... y x [DN] uint16"}
     writes: ClassVar = {"mosaic_linear": "... y x [1]"}
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     nanoseconds: ClassVar = 2.0
 
-    black_level: float = quantity("black_level")
-    bits: int = quantity("bits")
-
     def run(self, raw: Any) -> dict[str, Any]:
-        return {"mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64)}
+        return {"mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, self.white())}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (6e-8 if precision == "float32" else 2e-16), "proved"

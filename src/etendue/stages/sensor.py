@@ -15,7 +15,7 @@ import numpy as np
 from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quantity
 from etendue.physics import expansion, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
-from etendue.stages.sensitivity import Collecting, electrons_per_irradiance
+from etendue.stages.sensitivity import FLAT, Collecting, collection_at_zero, electrons_per_irradiance, quantum_efficiency
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +173,28 @@ class Pixel(Collecting):
         return Facts(uniform=facts["irradiance"].uniform, contrast=None)
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
+        return [*self._beyond_the_light(grids["irradiance"].bands().edges), *self._charge_under_other_filters(facts, grids)]
+
+    def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
+        """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
+        known = self.sensitivity == FLAT or self.sensitivity.endswith(".csv")  # tables of colour-science end where their filters do
+        if edges[-1] - edges[0] < 200 or not known:
+            return []
+        bins = tuple(300.0 + 10 * i for i in range(91))
+        centres = np.array(bins[:-1]) + 5
+        seen = quantum_efficiency(self, bins)
+        if self.sensitivity_kind == "system_qe":
+            seen = seen * (collection_at_zero(self, centres) > 0.02)
+        outside = (centres < edges[0]) | (centres > edges[-1])
+        share = float((seen[:, outside].sum(axis=1) / np.maximum(seen.sum(axis=1), 1e-300)).max())
+        if share <= 0.02:
+            return []
+        return [
+            f"{100 * share:.0f} % of a channel's sensitivity lies outside {edges[0]:g} to {edges[-1]:g} nm: such light is left out; widen "
+            "the scene's wavelengths (wavelength_to = 1100), unless a filter cuts it"
+        ]
+
+    def _charge_under_other_filters(self, facts: Facts, grids: Any) -> list[str]:
         if self.crosstalk != "per_plane" or facts.uniform or len(self.channels) == 1:
             return []
         middle = min(grids["irradiance"].bands().values(), key=lambda w: abs(w - 555))
