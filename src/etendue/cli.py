@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,6 +42,8 @@ class _Main(click.Group):
             else:
                 click.echo(str(error), err=True)
             ctx.exit(error.exit_code)
+        except BrokenPipeError:  # whoever read the output has gone
+            os._exit(141)
         except OSError as error:
             click.echo(f"the machine refused: {error}; the archive is intact, run again when there is room", err=True)
             ctx.exit(5)

@@ -145,6 +145,7 @@ class _Expansion:
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids, looks_at) for v, d in node.writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
+            error_bound = self.error(node, stage, inputs, input_facts, input_grids)
         except PluginError as error:
             self.faults.setdefault(str(error), Fault(node.place, str(error)))
             return
@@ -162,7 +163,7 @@ class _Expansion:
         cell = Cell(
             node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
             seed=seed, input_grids=input_grids, grids=grids, facts=facts,
-            left_out=decided, bound=bound, error=self.error(node, stage, inputs, input_facts, input_grids),
+            left_out=decided, bound=bound, error=error_bound,
             segment_input=self.segment_input(node, inputs),
         )  # fmt: skip
         self.cells[cell.ref] = cell

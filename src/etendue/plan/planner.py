@@ -55,6 +55,8 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
     texts: dict[str, None] = {}
     places = {node.name: node.place for node in nodes}
+    uses = frozenset(one.use for node in nodes for one in node.alternatives)
+    texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     for cell in cells.values():
         if hasattr(cell.stage, "warn"):
             try:
@@ -63,7 +65,26 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
                 raise RequestError([Fault(places[cell.node], str(error))]) from None
             for text in found:
                 texts[f"{cell.node}: {text}"] = None
+        if hasattr(cell.stage, "warn_among"):
+            for text in cell.stage.warn_among(uses):
+                texts[f"{cell.node}: {text}"] = None
     return tuple(texts)
+
+
+def _rewritten_in_vain(nodes: Any) -> list[str]:
+    """Stages that change a variable behind the one that reads it: their place in the file is likely wrong."""
+    notes = []
+    for number, node in enumerate(nodes):
+        own = {variable: source for bound in node.inputs for _, source, variable in bound if variable in node.writes}
+        for variable, source in own.items():
+            readers = [n for n in nodes[:number] for bound in n.inputs for _, s, v in bound if (s, v) == (source, variable)]
+            later = [n for n in nodes[number + 1 :] for bound in n.inputs for _, s, v in bound if (s, v) == (node.name, variable)]
+            if readers and not later and not any(r.writes.keys() & {variable} for r in readers):
+                notes.append(
+                    f"{node.name}: nothing reads its {variable}; {readers[0].name}, which stands before it, reads that of {source}: "
+                    f"move {node.name} up"
+                )
+    return notes
 
 
 def summary(plan: Plan) -> dict[str, Any]:

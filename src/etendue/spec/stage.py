@@ -11,6 +11,8 @@ engine looks for them by name and treats their absence as "not known":
     by_band(self, prepared, bands) -> prepared           its run may be given some bands: what is prepared for them
     constants(self, prepared) -> {variable: array}       sources with by_band: what they write that has no place
     segment_error(self, before, grid, precision)         an end of a segment: its error behind the stages joined before it
+    warn(self, facts, grids) -> [text]                   what a user should know about these values
+    warn_among(self, uses) -> [text]                     the same, about the other stages of the pipeline (their names)
     run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}
     negligible(self, facts, grid) -> float | None        how wrong leaving it out is, in units of its variable
     carry(self, facts, grid) -> Facts                    facts of what it writes, from facts of what it reads

@@ -151,11 +151,13 @@ class GreyCard(NoiseFloor, Collecting):
         variance = self.dark_variance(time)
         needed = float(metering.charge_at_snr(10.0, variance))
         scene = np.pi * luminance  # lx on a perfect white diffuser of this luminance
+        room = self.saturation()
+        card = metering.GREY * rate * time
         return {
             "exposure_value": metering.exposure_value(self.f_number, time),
-            "saturation_iso": metering.saturation_iso(illuminance * self.saturation() / rate),
-            "snr_18": np.array(metering.grey_card_snr(rate * time, variance)),
-            "snr10_illuminance": np.array(scene * needed / (metering.GREY * rate * time)),
+            "saturation_iso": metering.saturation_iso(illuminance * room / rate),
+            "snr_18": np.array(metering.grey_card_snr(rate * time, variance) if card < room else np.nan),
+            "snr10_illuminance": np.array(scene * needed / card if needed < room else np.nan),
         }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
@@ -163,7 +165,7 @@ class GreyCard(NoiseFloor, Collecting):
 
 
 LIGHT = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
-FIGURES = {"exposure_value": "[stop]", "saturation_iso": "[1]", "snr_18": "[dB]", "snr10_illuminance": "[lx]"}
+FIGURES = {"exposure_value": "[stop]", "saturation_iso": "[1]", "snr_18": "[dB] nan", "snr10_illuminance": "[lx] nan"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +177,7 @@ class ExposureNumbers(GreyCard):
     the channel with most charge, raw: shot noise of light and dark current, read noise, quantisation. ``snr10_illuminance``
     is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they are;
     the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much larger
-    as the matrix amplifies noise.
+    as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
     """
 
     reads: ClassVar = LIGHT

@@ -175,6 +175,11 @@ class Pixel(Collecting):
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return [*self._beyond_the_light(grids["irradiance"].bands().edges), *self._charge_under_other_filters(facts, grids)]
 
+    def warn_among(self, uses: frozenset[str]) -> list[str]:
+        if self.crosstalk != "through_filter" or "crosstalk" in uses:
+            return []
+        return ["crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at all"]
+
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
         """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
         known = self.sensitivity == FLAT or self.sensitivity.endswith(".csv")  # tables of colour-science end where their filters do

@@ -42,6 +42,9 @@ class Aberrated(Cone):
     field_curvature: float = param(0.0, units="um", doc="field curvature W220 at the full image height")
     full_height: float = param(4.0, units="mm", above=0, doc="image height for which coma, astigmatism and field curvature hold")
 
+    def warn_among(self, uses: frozenset[str]) -> list[str]:
+        return ["diffraction is in this stage already, and counts twice; leave the stage out"] if "diffraction" in uses else []
+
     def __post_init__(self) -> None:
         super().__post_init__()
         self.shift()  # refuses an object closer than the focal length
@@ -271,6 +274,9 @@ class Wavefront(Blur, Aberrated):
             shortest = float(grid.bands().values()[0]) * 1e-3
             if not self.round and self.samples(shortest) > self.pupil_samples:
                 notes.append(f"the wavefront is steep: {self.samples(shortest)} pupil samples are taken instead of {self.pupil_samples}")
+        off_axis = [n for n in ("coma", "astigmatism", "field_curvature", "distortion") if getattr(self, n)]
+        if off_axis and self.field_y == self.field_x == 0:
+            notes.append(f"{' and '.join(off_axis)} vanish on the axis; give field_y or field_x, or take the stage aberrations")
         return notes
 
 
