@@ -144,7 +144,7 @@ def _quadrature(paint: Paint, y: FloatArray, x: FloatArray, cell: float, count: 
 
 
 def _density(t: FloatArray) -> FloatArray:
-    return np.exp(-0.5 * np.square(t)) / sqrt(2 * pi)
+    return np.exp(-0.5 * np.square(np.clip(t, -40.0, 40.0))) / sqrt(2 * pi)  # 0 beyond, without an overflow
 
 
 def _ramp(t: FloatArray, softness: float) -> FloatArray:
