@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ive
 
-from etendue.physics import charts
+from etendue.physics import charts, resampling
 from etendue.physics import charts_composite as composite
 
 Y, X = (np.arange(120) - 59.5) * 0.5, (np.arange(160) - 79.5) * 0.5
@@ -425,7 +425,7 @@ def test_a_composite_that_cannot_be_is_refused(change, message):
 @given(n_in=st.integers(1, 60), n_out=st.integers(1, 60), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
 def test_area_averaging_keeps_the_mean_and_the_range(n_in, n_out, seed):
-    weights = charts.area_weights(n_in, n_out)
+    weights = resampling.area_weights(n_in, n_out)
     row = np.random.default_rng(seed).uniform(size=n_in)
     assert weights.shape == (n_out, n_in) and weights.min() >= 0
     assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-14)
@@ -436,24 +436,24 @@ def test_area_averaging_keeps_the_mean_and_the_range(n_in, n_out, seed):
 @given(n_in=st.integers(1, 12), factor=st.integers(1, 6))
 @settings(max_examples=20, deadline=None)
 def test_enlarging_by_a_whole_factor_repeats_samples_and_reducing_undoes_it(n_in, factor):
-    up, down = charts.area_weights(n_in, n_in * factor), charts.area_weights(n_in * factor, n_in)
+    up, down = resampling.area_weights(n_in, n_in * factor), resampling.area_weights(n_in * factor, n_in)
     assert_array_equal(up, np.repeat(np.eye(n_in), factor, axis=0))
     assert_allclose(down @ up, np.eye(n_in), atol=1e-15)
 
 
 def test_area_weights_are_overlaps_over_lengths():
-    assert_allclose(charts.area_weights(3, 2), [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]], rtol=1e-15)
+    assert_allclose(resampling.area_weights(3, 2), [[2 / 3, 1 / 3, 0], [0, 1 / 3, 2 / 3]], rtol=1e-15)
 
 
 def test_area_averaging_looks_the_same_from_both_ends():
-    weights = charts.area_weights(17, 5)
+    weights = resampling.area_weights(17, 5)
     assert_array_equal(weights, weights[::-1, ::-1])
 
 
 @pytest.mark.parametrize(("n_in", "n_out", "message"), [(0, 1, "n_in"), (4, 0, "n_out"), (4, 2.5, "n_out")])
 def test_counts_of_samples_must_be_whole_and_positive(n_in, n_out, message):
     with pytest.raises(ValueError, match=message):
-        charts.area_weights(n_in, n_out)
+        resampling.area_weights(n_in, n_out)
 
 
 # ---------------------------------------------------------------------------------------- means over cells

@@ -19,7 +19,7 @@ import numpy as np
 
 from etendue import spectra
 from etendue.physics import cfa, colour
-from etendue.physics.charts import area_weights
+from etendue.physics.resampling import area_weights
 from etendue.physics.transfer import srgb_encode
 from etendue.plan.model import Cell, CellRef, Plan
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from etendue.spec.grid import Bands, Grid
 from etendue.spec.stage import arguments_of, is_source, reads_of
 
 
-class Banded:
+class Banded(ABC):
     """A (wavelength, y, x) array that is made band by band."""
 
     shape: tuple[int, ...]
@@ -43,8 +44,9 @@ class Banded:
     def __len__(self) -> int:
         return self.shape[0]
 
+    @abstractmethod
     def __getitem__(self, band: int) -> Any:
-        raise NotImplementedError
+        """One band, (y, x)."""
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
         whole = np.empty(self.shape, dtype=dtype or self.dtype)

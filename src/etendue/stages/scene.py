@@ -16,7 +16,7 @@ import numpy as np
 
 from etendue import spectra
 from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quantity
-from etendue.physics import charts, charts_composite
+from etendue.physics import charts, charts_composite, resampling
 from etendue.physics.transfer import srgb_decode
 
 
@@ -330,7 +330,7 @@ def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int])
     crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
     top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
     linear = srgb_decode(values[top : top + crop_rows, left : left + crop_columns]).transpose(2, 0, 1)
-    down, across = charts.area_weights(crop_rows, rows), charts.area_weights(crop_columns, columns)
+    down, across = resampling.area_weights(crop_rows, rows), resampling.area_weights(crop_columns, columns)
     return down @ linear @ across.T
 
 
