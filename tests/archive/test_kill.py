@@ -72,6 +72,7 @@ def start(*arguments, **more):
     return subprocess.Popen(
         [sys.executable, "-m", "etendue", *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         env=environment(**more),
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell ignores it for what it runs in the background
     )  # fmt: skip
 
 
