@@ -85,11 +85,15 @@ class Camera:
         made = cell.stage.run(**asked, prepared=self.prepared(cell))
         return made["radiance"].astype(self.dtype), made["white_radiance"].astype(self.dtype)
 
+    def run(self, cell: Any, *arrays: Any) -> Any:
+        """A stage on its arrays, with the coordinates and tables it asks for."""
+        where = self.table(cell, "where", lambda: coordinates_of(cell.grids))
+        rest = list(arguments_of(type(cell.stage)))[len(arrays) :]
+        return cell.stage.run(*arrays, **{name: self.prepared(cell) if name == "prepared" else where[name] for name in rest})
+
     def light(self, radiance: Any, white: Any, at: dict[str, int]) -> tuple[Any, Any]:
         made = self.cell("irradiance", **at).stage.run(radiance, white)
-        cell = self.cell("falloff", **at)
-        where = self.table(cell, "where", lambda: coordinates_of(cell.grids))
-        lit = cell.stage.run(made["irradiance"], where["y_um"], where["x_um"])["irradiance"]
+        lit = self.run(self.cell("falloff", **at), made["irradiance"])["irradiance"]
         return lit, made["white_irradiance"].astype(self.dtype)
 
     def blurred(self, irradiance: Any, at: dict[str, int]) -> Any:
@@ -107,7 +111,7 @@ class Camera:
             line, (start, step) = light.line(dim), out.line(dim).um()
             where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
         rate = sampling.sample(channels, light["y"].size, light["x"].size, *where)
-        return self.cell("mosaic", **at).stage.run(rate)["photocurrent"]
+        return self.run(self.cell("mosaic", **at), rate)["photocurrent"]
 
     def develop(self, photocurrent: Any, whites: tuple[Any, Any], at: dict[str, int]) -> Any:
         cell = self.cell("exposure", **at)
@@ -125,7 +129,7 @@ class Camera:
         ]
         raw = self.cell("adc", **at).stage.run(charge)["raw"]
         linear = self.cell("linearise", **at).stage.run(raw)["mosaic_linear"].astype(self.dtype)
-        rgb = self.cell("demosaic", **at).stage.run(linear)["rgb_camera"]
+        rgb = self.run(self.cell("demosaic", **at), linear)["rgb_camera"]
         rgb = self.cell("sharpen", **at).stage.run(rgb)["rgb_camera"]
         cell = self.cell("white", **at)
         white = cell.stage.run(whites[1], self.prepared(cell))["white"].astype(self.dtype)
