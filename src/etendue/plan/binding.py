@@ -15,7 +15,7 @@ from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
 from etendue.registry import Registry
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import Probe, Stage, ends_in_sum, reads_of, writes_of
+from etendue.spec.stage import Probe, ends_in_sum, looks, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
@@ -36,7 +36,7 @@ def link(
         if not made:
             continue
         inputs = tuple(_bind(request, entry, one, nodes) for one in made)
-        looks_at = _looks(request, made[0].kind, nodes)
+        looks_at = _looks(request, made, inputs, nodes)
         use_axis = swapped[entry.name].dim if entry.name in swapped else None
         own = {dim for dim, _ in direct.get(entry.name, [])} | ({use_axis} if use_axis else set())
         reach = own | _reach(inputs, looks_at, nodes)
@@ -65,7 +65,7 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
             request.fault(f"{entry.place}.from", f"{one.use} has no port {port!r}{nearest(port, reads)}")
     for port, declaration in reads.items():
         variable = declaration.variable
-        if variable.startswith("*."):
+        if looks(declaration):
             continue
         node = (
             _named_writer(request, entry, port, variable, earlier)
@@ -130,21 +130,27 @@ def _writers_of(registry: Registry, variable: str) -> list[str]:
     return found[:6]
 
 
-def _looks(request: Request, kind: type[Stage], earlier: list[Node]) -> Looks:
-    """What a probe looks at."""
-    found = []
-    for port, declaration in reads_of(kind).items():
-        if not declaration.variable.startswith("*."):
-            continue
-        what = declaration.variable.removeprefix("*.")
-        if not issubclass(kind, Probe):
-            request.fault(port, f"{kind.__name__} reads {declaration.variable}; only a Probe may look at all stages")
-        if what == "transfer":
-            chosen = tuple(n.name for n in earlier if n.is_transfer)
-        else:
-            chosen = tuple(n.name for n in earlier if what in n.writes and not n.is_probe)
-        found.append((port, what, chosen))
-    return tuple(found)
+def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]) -> Looks:
+    """What a node looks at: a probe at all stages, any other stage at the transfer functions in front of what it reads."""
+    found: dict[tuple[str, str], dict[str, None]] = {}
+    for one, bound in zip(made, inputs, strict=True):
+        for port, declaration in reads_of(one.kind).items():
+            what = looks(declaration)
+            if not what:
+                continue
+            probe = issubclass(one.kind, Probe)
+            if not probe and what != "transfer":
+                request.fault(
+                    port, f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all stages"
+                )
+            if what == "transfer":
+                before = _before({source for _, source, _ in bound}, earlier)
+                chosen = [n.name for n in earlier if n.is_transfer and (probe or n.name in before)]
+            else:
+                chosen = [n.name for n in earlier if what in n.writes and not n.is_probe]
+            found.setdefault((port, what), {}).update(dict.fromkeys(chosen))
+    order = [n.name for n in earlier]
+    return tuple((port, what, tuple(sorted(chosen, key=order.index))) for (port, what), chosen in found.items())
 
 
 def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> set[str]:
@@ -161,14 +167,20 @@ def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> s
 
 def _ancestors(node: Node, nodes: list[Node]) -> list[Node]:
     """Every node that a node reads from, at any distance."""
+    names = _before({source for bound in node.inputs for _, source, _ in bound}, nodes)
+    return [n for n in nodes if n.name in names]
+
+
+def _before(names: set[str], nodes: list[Node]) -> set[str]:
+    """These nodes and every node they read from, at any distance."""
     by_name = {n.name: n for n in nodes}
-    found: dict[str, Node] = {}
-    open_ = [node]
+    found: set[str] = set()
+    open_ = set(names)
     while open_:
-        for source in {s for bound in open_.pop().inputs for _, s, _ in bound} - set(found):
-            found[source] = by_name[source]
-            open_.append(by_name[source])
-    return list(found.values())
+        name = open_.pop()
+        found.add(name)
+        open_ |= {source for bound in by_name[name].inputs for _, source, _ in bound} - found
+    return found
 
 
 def _resolved_writes(

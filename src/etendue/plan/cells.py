@@ -7,6 +7,7 @@ Out: cells by reference, in an order in which every cell stands behind what it r
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.plan import leave_out
 from etendue.plan.graph import Graph
-from etendue.plan.keys import code_digest, key_of, parameters_for_key, version_of
+from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import Grid, Labels
@@ -48,7 +49,7 @@ def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inpu
         elif dim in creates:
             found[dim] = creates[dim]
         elif dim == "stage" and looks_at:
-            found[dim] = Labels(tuple(name for name, _ in looks_at[0][1]))
+            found[dim] = Labels(tuple(dict.fromkeys(name for _, refs in looks_at for name, _ in refs)))
         else:
             source = next((g for g in inputs.values() if dim in g), None)
             if source is None:
@@ -68,6 +69,7 @@ class _Expansion:
         self.values: dict[CellRef, str] = {}  # digest of the parameter values of a cell and its ancestors
         self.stages: dict[tuple[str, tuple[Any, ...]], tuple[Stage, Alternative, int]] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
+        self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
         self.faults: dict[str, Fault] = {}
         self.shares = leave_out.shares(graph.nodes, choice.tolerance)
 
@@ -182,6 +184,13 @@ class _Expansion:
             return None
         return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
 
+    def parameters(self, stage: Stage) -> str:
+        """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
+        known = self.digests.get(id(stage))
+        if known is None:
+            known = self.digests[id(stage)] = parameters_digest(stage)
+        return known
+
     def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:
         """What the segment of a transfer stage starts from."""
         if not node.segment:
@@ -199,7 +208,7 @@ class _Expansion:
         fields: dict[str, Any] = {
             "stage": one.use,
             "code": one.digest,
-            "parameters": parameters_for_key(stage),
+            "parameters": self.parameters(stage),
             "inputs": {p: self.cells[ref].key for p, ref, _ in inputs},
             "precision": self.precision,
         }
@@ -212,21 +221,16 @@ class _Expansion:
         for port, refs in looks_at:
             cells = [self.cells[ref] for ref in refs]
             if any(p == port and what == "transfer" for p, what, _ in node.looks_at):  # asked of the stages, left out or not
-                fields["inputs"][port] = [[c.node, c.use, code_digest(type(c.stage)), parameters_for_key(c.stage)] for c in cells]
+                fields["inputs"][port] = [[c.node, c.use, code_digest(type(c.stage)), self.parameters(c.stage)] for c in cells]
                 fields["wavelengths"] = [list(c.input_grids[c.inputs[0][0]].bands().edges) for c in cells[:1]]
             else:
                 fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
-        return fields, key_of(fields)
+        return fields, digest(json.dumps(fields, sort_keys=True).encode())
 
     def seed(self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, index: tuple[int, ...]) -> bytes:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
-        values = key_of(
-            {
-                "stage": node.name,
-                "parameters": parameters_for_key(stage),
-                "inputs": {p: self.values[ref] for p, ref, _ in inputs},
-            }
-        )
+        read = [f"{p} {self.values[ref]}" for p, ref, _ in inputs]
+        values = digest("\n".join((node.name, self.parameters(stage), *read)).encode())
         self.values[(node.name, index)] = values
         if not is_random(type(stage)):
             return b""

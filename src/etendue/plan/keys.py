@@ -142,3 +142,7 @@ def parameters_for_key(stage: Stage) -> dict[str, Any]:
     """Resolved parameters with files replaced by their content's digest."""
     files = files_of(stage)
     return {n: f"sha256:{file_digest(files[n])}" if n in files else getattr(stage, n) for n in parameters_of(type(stage))}
+
+
+def parameters_digest(stage: Stage) -> str:
+    return key_of(parameters_for_key(stage))

@@ -53,7 +53,7 @@ class Node:
     direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
     use_axis: str | None  # dim of the axis that swaps this stage
     inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port, node, variable)
-    looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # probes: (port, what, nodes in order)
+    looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
     segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment up to itself

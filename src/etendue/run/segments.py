@@ -19,7 +19,7 @@ from etendue.run.jobs import Job
 from etendue.run.segment_bands import from_bands
 from etendue.run.segment_cells import from_cells
 from etendue.run.tables import TABLES, prepared_of
-from etendue.spec.grid import Bands, Grid
+from etendue.spec.grid import Bands
 from etendue.spec.stage import Stage, state_of
 
 
@@ -103,28 +103,3 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
     if job.store or job.deliver:
         arrays = {name: sampling.planes_of(spectrum, y.size, x.size) if untouched is None else untouched}
     return (Result(spectrum=spectrum, untouched=untouched) if job.spectrum else Result()), arrays
-
-
-class Otf:
-    """The transfer function up to one stage along x, for probes: ``otf(f)`` is (wavelength, frequency)."""
-
-    def __init__(self, stages: tuple[Stage, ...], edges: tuple[float, ...]) -> None:
-        self.stages, self.edges = stages, edges
-
-    def __call__(self, frequency: Any) -> Any:
-        fx = np.asarray(frequency, dtype=float)[None, :]
-        product = np.ones((len(self.edges) - 1, 1, fx.size))
-        for stage in self.stages:
-            product = product * (self._at(stage, fx) if fx.size < 256 else self._remembered(stage, fx))
-        return product[:, 0, :]
-
-    def _at(self, stage: Stage, fx: Any) -> Any:
-        prepared = None
-        if hasattr(stage, "prepare"):
-            grid = Grid.of({"wavelength": Bands(self.edges)})
-            prepared = prepared_of(stage, {"irradiance": grid}, {})
-        return transfer_of(stage, np.zeros((1, 1)), fx, self.edges, prepared)
-
-    def _remembered(self, stage: Stage, fx: Any) -> Any:
-        """The coarse grid of a search is the same in every cell of a sweep."""
-        return TABLES.get(("otf", state_of(stage), self.edges, fx.tobytes()), lambda: self._at(stage, fx))

@@ -19,6 +19,8 @@ class Facts:
     low, high : bounds on the values, in the variable's unit
     contrast : largest over smallest value; inf where the scene holds exact black
     band_limit : frequency above which the scene holds less than a hundredth of its contrast, cycles/um
+    rendered : of a scene, with what its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
+        are means), um, each 0 where it does not apply
     """
 
     uniform: bool | None = None
@@ -26,6 +28,7 @@ class Facts:
     high: float | None = None
     contrast: float | None = None
     band_limit: float | None = None
+    rendered: tuple[float, float] | None = None
 
     def scaled(self, low: float, high: float | None = None) -> Facts:
         """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0)."""

@@ -18,6 +18,8 @@ engine looks for them by name and treats their absence as "not known":
     carry(self, facts, grid) -> Facts                    facts of what it writes, from facts of what it reads
     error(self, facts, grid, precision) -> (bound, how)  relative to full scale; how: proved | fitted | measured
     gain                                                 see below
+
+Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of the camera in front of it, see ``Probe``.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ def per_kind(function: _Function) -> _Function:
 
 COORDINATES = frozenset(
     f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
-)
+) | {"stage"}
 SPECIAL = frozenset({"prepared", "rng", "rng_sensor"})
 
 
@@ -130,10 +132,18 @@ class Stage:
 class Probe(Stage):
     """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
 
-    ``run`` gets, for each such port, a list of (stage name, what it looks at): a callable ``otf(f)`` giving the
-    transfer function up to and including that stage as a (wavelength, frequency) array along x, or the array itself.
-    Nothing reads from a probe. It may write the dim ``stage``.
+    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
+    that stage (``etendue.run.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
+    Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
+    for as ``stage``.
     """
+
+    with_grids: ClassVar[bool] = False
+
+
+def looks(declaration: Declaration) -> str:
+    """What a port looks at in all earlier stages: ``transfer``, a variable, or '' where it reads one array."""
+    return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
 
 
 @per_kind
