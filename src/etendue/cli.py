@@ -61,6 +61,7 @@ def main() -> None:
     etendue run pipelines/smallest.toml     run it, archive it, show it
     etendue plan pipelines/sweep.toml       what would run, before it does
     etendue stages                          what is installed
+    etendue quantities                      what stages share: f_number, pixel_pitch, ...
     etendue show smallest                   what is in an archive
     etendue export smallest --dng           raw files that other converters open
     etendue sensors                         sensors whose parameters are published
@@ -232,7 +233,7 @@ def stages(name: str | None, as_json: bool) -> None:
     """What is installed, from which distribution, what it reads and writes, its parameters."""
     from etendue.errors import RequestError, nearest
     from etendue.registry import installed_stages
-    from etendue.report.terminal import print_stage, print_stages, stage_document
+    from etendue.report.catalogue import print_stage, print_stages, stage_document
 
     registry = installed_stages()
     if name is not None and name not in registry:
@@ -244,6 +245,28 @@ def stages(name: str | None, as_json: bool) -> None:
         print_stage(documents[0])
     else:
         print_stages(documents)
+
+
+@main.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def quantities(name: str | None, as_json: bool) -> None:
+    """The camera quantities that stages share: meaning, unit, range, default, and which stages take one."""
+    from etendue.errors import RequestError, nearest
+    from etendue.registry import installed_stages
+    from etendue.report.catalogue import print_quantities, print_quantity, quantity_document
+    from etendue.spec import camera
+
+    if name is not None and name not in camera.names():
+        raise RequestError(f"there is no camera quantity {name!r}{nearest(name, camera.names())}")
+    registry = installed_stages() if name else None
+    documents = [quantity_document(one, registry) for one in ([name] if name else camera.names())]
+    if as_json:
+        _say(documents)
+    elif name:
+        print_quantity(documents[0])
+    else:
+        print_quantities(documents)
 
 
 @main.command()

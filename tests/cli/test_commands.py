@@ -331,6 +331,29 @@ def test_short_names_of_axes_are_unique():
 # -- stages and show --------------------------------------------------------------------------------------
 
 
+def test_every_stage_has_its_line_under_what_it_is_for(inside):
+    """Scenes first, figures last, in the order in which light passes; every installed stage once, with its first sentence."""
+    code, out, _ = inside("stages")
+    assert code == 0
+    titles = ["scenes", "light and lens", "pixel and colour filter array", "exposure, noise and read-out", "reconstruction", "figures"]
+    places = [out.index(f"\n{title}") if title != "scenes" else out.index(title) for title in titles]
+    assert places == sorted(places)
+    documents = strict(inside("stages", "--json")[1])
+    lines = [line.split() for line in out.splitlines() if not line.startswith(" ")]  # not what is wrapped
+    for document in documents:
+        assert sum(words[:1] == [document["name"]] for words in lines) == 1
+    assert "(eq. 11)" in " ".join(out.split())  # an abbreviation does not end a sentence
+
+
+def test_quantities_are_listed_with_what_takes_them(inside):
+    code, out, _ = inside("quantities")
+    assert code == 0 and "pixel_pitch" in out and "required" in out  # peak_qe has no default
+    (document,) = strict(inside("quantities", "pixel_pitch", "--json")[1])
+    assert document["units"] == "um" and document["range"] == "above 0 um" and {"pixel", "exposure"} <= set(document["stages"])
+    code, out, err = inside("quantities", "pixel_pich")
+    assert code == 2 and "did you mean 'pixel_pitch'" in out + err
+
+
 def test_one_stage_is_shown_in_full(inside):
     code, out, _ = inside("stages", "uniform")
     assert code == 0

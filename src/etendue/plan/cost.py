@@ -6,7 +6,6 @@ functions); the table at the end of a run has the measured ones.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from etendue.plan.model import Cell, Node
@@ -22,7 +21,7 @@ def item_bytes(declaration: Declaration, precision: str) -> int:
 
 
 def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
-    return math.prod(coordinate.size for _, coordinate in grid.entries) * item_bytes(declaration, precision)
+    return grid.count * item_bytes(declaration, precision)
 
 
 def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
@@ -42,12 +41,9 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     rate = getattr(type(cell.stage), "nanoseconds", 30.0)
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
-        values = 1.6 * math.prod(coordinate.size for _, coordinate in grid.entries)
+        values = 1.6 * grid.count
     else:
-        values = max(
-            [math.prod(c.size for _, c in grid.entries) for grid in cell.grids.values()]
-            + [math.prod(c.size for _, c in grid.entries) / 4 for grid in cell.input_grids.values()]
-        )
+        values = max([grid.count for grid in cell.grids.values()] + [grid.count / 4 for grid in cell.input_grids.values()])
     return 5e-5 + 1e-9 * rate * values * (1.0 if precision == "float32" else 1.6)
 
 
@@ -63,5 +59,5 @@ def cell_memory(node: Node, cell: Cell, precision: str) -> int:
 
 def _held(dims: tuple[str, ...], grid: Grid, precision: str, size: int) -> int:
     """Bytes of a variable, or of three of its bands where it is made by band."""
-    whole = size * math.prod(coordinate.size for _, coordinate in grid.entries)
+    whole = size * grid.count
     return 3 * whole // grid.bands().size if set(dims) == {"wavelength", "y", "x"} and whole > LARGEST_WHOLE else whole

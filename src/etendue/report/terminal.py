@@ -5,27 +5,22 @@ Results go to stdout, progress and notes to stderr. rich does the drawing; NO_CO
 
 from __future__ import annotations
 
-import math
 import re
 import shlex
 from collections.abc import Iterable
-from inspect import cleandoc
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
-from rich.padding import Padding
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from etendue.errors import PluginError
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan
-from etendue.registry import Registry
 from etendue.report.tables import headlines, stage_rows
 from etendue.spec.ports import CellReport
-from etendue.spec.stage import MISSING, parameters_of, reads_of, writes_of
+from etendue.spec.stage import parameters_of
 
 
 def _out() -> Console:
@@ -247,75 +242,6 @@ def print_outcome(outcome: Any) -> None:
     for picture in outcome.pictures:
         console.print(f"contact sheet  {picture}", soft_wrap=True)
     console.print(f"{human_seconds(outcome.seconds)} in all")
-
-
-def stage_document(registry: Registry, name: str) -> dict[str, Any]:
-    """One stage as JSON; a broken plugin says why it is broken."""
-    installed = registry.installed(name)
-    clash = registry.clash(name)
-    document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
-    try:
-        if clash:
-            raise PluginError(f"offered by {' and '.join(clash)}; uninstall one of them")
-        kind = registry.load(name)
-    except PluginError as error:
-        return {**document, "reads": {}, "writes": {}, "parameters": {}, "doc": "", "broken": str(error)}
-    parameters = {}
-    for key, (parameter, kind_of, default) in parameters_of(kind).items():
-        value = None if default is MISSING else (list(default) if isinstance(default, tuple) else default)
-        if isinstance(value, float) and not math.isfinite(value):
-            value = "inf"
-        parameters[key] = {
-            "type": getattr(kind_of, "__name__", str(kind_of)), "units": parameter.units, "default": value, "required": default is MISSING,
-            "range": parameter.range_text(), "choices": list(parameter.choices) if parameter.choices else None,
-            "camera": parameter.camera, "fidelity": parameter.reference or None, "doc": parameter.doc,
-        }  # fmt: skip
-    return {
-        **document,
-        "reads": {p: str(d) for p, d in reads_of(kind).items()},
-        "writes": {p: str(d) for p, d in writes_of(kind).items()},
-        "parameters": parameters,
-        "doc": (kind.__doc__ or "").strip(),
-    }
-
-
-def print_stages(documents: list[dict[str, Any]]) -> None:
-    """A table for every distribution, and what is broken."""
-    console = _out()
-    for origin in dict.fromkeys(f"{d['distribution']} {d['version']}" for d in documents):
-        own = [d for d in documents if f"{d['distribution']} {d['version']}" == origin]
-        table = _table(f"from {escape(origin)}", ("stage", "left"), ("reads", "left"), ("writes", "left"), wrap=("reads", "writes"))
-        for d in own:
-            table.add_row(d["name"], ", ".join(d["reads"]) or "-", "broken, see below" if "broken" in d else ", ".join(d["writes"]))
-        console.print(table)
-    for d in documents:
-        if "broken" in d:
-            console.print(f"broken: {d['name']}: {escape(d['broken'])}")
-    console.print("one of them in full: etendue stages NAME")
-
-
-def print_stage(document: dict[str, Any]) -> None:
-    """One stage in full: what it is, reads, writes, and a paragraph for every parameter."""
-    console = _out()
-    console.print(f"{document['name']}, from {escape(document['distribution'])} {document['version']}")
-    if "broken" in document:
-        console.print(f"broken: {escape(document['broken'])}")
-        return
-    console.print(escape(re.sub(r"(?<!\n)\n(?!\n)", " ", cleandoc(document["doc"]))))  # a line for each paragraph
-    for what in ("reads", "writes"):
-        for declaration in document[what].values():
-            console.print(f"{what:7s} {escape(declaration)}")
-    for key, p in document["parameters"].items():
-        units = f" {p['units']}" if p["units"] not in ("1", "") else ""
-        value = f" in{units}" if units else ""
-        if not p["required"]:
-            value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
-        allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
-        notes = [text for text in ("required" if p["required"] else "", "under [camera]" if p["camera"] else "", allowed) if text]
-        console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
-        for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}" if p["fidelity"] else ""):
-            if text:
-                console.print(Padding(escape(text), (0, 0, 0, 4)))
 
 
 def print_archive(document: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from etendue.spec.stage import MISSING, param
+from etendue.spec.stage import MISSING, Parameter, param
 
 _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "f_number": (2.8, dict(at_least=0.5, at_most=1e6, doc="geometric f-number, focal length over entrance pupil")),
@@ -106,3 +106,9 @@ def names() -> tuple[str, ...]:
 
 def default(name: str) -> Any:
     return _Q[name][0]
+
+
+def declared(name: str) -> tuple[Parameter, Any]:
+    """What is allowed for a quantity, and its default (``MISSING`` where it must be given)."""
+    default_value, allowed = _Q[name]
+    return Parameter(camera=True, **allowed), default_value

@@ -6,6 +6,7 @@ and ``Labels`` (names or numbers). They are frozen, so equal grids can be recogn
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -79,6 +80,15 @@ class Grid:
             known = hash(self.entries)
             object.__setattr__(self, "_hash", known)
         return known
+
+    @property
+    def count(self) -> int:
+        """Values of an array that has all dims; taken once."""
+        known = self.__dict__.get("_count")
+        if known is None:
+            known = math.prod(coordinate.size for _, coordinate in self.entries)
+            object.__setattr__(self, "_count", known)
+        return int(known)
 
     @classmethod
     def of(cls, coordinates: Mapping[str, Coordinate]) -> Grid:
