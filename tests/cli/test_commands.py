@@ -339,9 +339,8 @@ def test_every_stage_has_its_line_under_what_it_is_for(inside):
     places = [out.index(f"\n{title}") if title != "scenes" else out.index(title) for title in titles]
     assert places == sorted(places)
     documents = strict(inside("stages", "--json")[1])
-    lines = [line.split() for line in out.splitlines() if not line.startswith(" ")]  # not what is wrapped
     for document in documents:
-        assert sum(words[:1] == [document["name"]] for words in lines) == 1
+        assert sum(line.startswith(f"{document['name']}  ") for line in out.splitlines()) == 1
     assert "(eq. 11)" in " ".join(out.split())  # an abbreviation does not end a sentence
 
 
