@@ -30,12 +30,14 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     Error: below 6e-16 relative in float64 (reference group srgb_encode), 3e-7 in float32 (|v| <= 10).
     """
     value = _floating(linear)
-    size = np.abs(value)
+    size = value if _no_negative(value) else np.abs(value)
     curve = _at_least(size, 0.0031308)
     np.power(curve, 1 / 2.4, out=curve)
     curve *= 1.055
     curve -= 0.055
-    return np.copysign(np.where(size <= 0.0031308, 12.92 * size, curve), value)
+    toe = size <= 0.0031308
+    np.multiply(size, 12.92, out=curve, where=toe, casting="same_kind")
+    return curve if size is value else np.copysign(curve, value, out=curve)
 
 
 def srgb_decode(encoded: ArrayLike) -> NDArray:
@@ -55,12 +57,13 @@ def srgb_decode(encoded: ArrayLike) -> NDArray:
     2e-9. Error: below 3e-16 x condition in float64 (reference group srgb_decode), 5e-7 in float32 (|v| <= 4).
     """
     value = _floating(encoded)
-    size = np.abs(value)
+    size = value if _no_negative(value) else np.abs(value)
     curve = _at_least(size, 0.04045)
     curve += 0.055
     curve /= 1.055
     np.power(curve, 2.4, out=curve)
-    return np.copysign(np.where(size <= 0.04045, size / 12.92, curve), value)
+    np.divide(size, 12.92, out=curve, where=size <= 0.04045, casting="same_kind")
+    return curve if size is value else np.copysign(curve, value, out=curve)
 
 
 def bt709_encode(linear: ArrayLike) -> NDArray:
@@ -141,11 +144,20 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
     if not 0 < gamma < np.inf:
         raise ValueError(f"gamma is {gamma!r}; allowed are finite numbers above 0")
     value = _floating(value)
-    # the smallest number stands in for 0; the sign of 0 is 0 and puts it back
-    size = _at_least(np.abs(value), np.finfo(value.dtype).smallest_subnormal)
+    # the smallest number stands in for 0, which is put back
+    plain = _no_negative(value)
+    size = _at_least(value if plain else np.abs(value), np.finfo(value.dtype).smallest_subnormal)
     np.power(size, gamma, out=size)
-    size *= np.sign(value)
+    if plain:
+        np.copyto(size, value, where=value == 0)
+    else:
+        size *= np.sign(value)
     return size
+
+
+def _no_negative(value: NDArray) -> bool:
+    """False also where there is a NaN, and for no values at all."""
+    return bool(value.size and value.min() >= 0)
 
 
 def _at_least(values: NDArray, floor: float) -> NDArray:

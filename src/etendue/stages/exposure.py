@@ -40,11 +40,19 @@ class Exposing(Stage):
         kind = photocurrent.dtype.type
         signal = photocurrent * np.asarray(time, dtype=kind)
         if self.prnu > 0:
-            signal = signal * np.maximum(1 + kind(self.prnu) * rng_sensor.normal("prnu"), 0)
+            signal *= self._spread(self.prnu, rng_sensor.normal("prnu"), kind)
         dark = np.asarray(self.dark_charge(time), dtype=kind)
         if self.dark_nonuniformity > 0 and np.any(dark > 0):
-            dark = dark * np.maximum(1 + kind(self.dark_nonuniformity) * rng_sensor.normal("dark current"), 0)
-        return signal + dark
+            dark = dark * self._spread(self.dark_nonuniformity, rng_sensor.normal("dark current"), kind)
+        signal += dark
+        return signal
+
+    @staticmethod
+    def _spread(rms: float, pattern: Any, kind: Any) -> Any:
+        """A factor about 1 for each pixel, never negative."""
+        factor = pattern * kind(rms)
+        factor += 1
+        return np.maximum(factor, 0, out=factor)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (2e-7 if precision == "float32" else 1e-15), "proved"

@@ -47,9 +47,13 @@ class ReadNoise(Amplifier):
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
         kind, sigma = charge.dtype.type, self.sigma()
         if sigma > 0:
-            charge = charge + kind(sigma) * rng.standard_normal(charge.shape, dtype=charge.dtype)
+            noise = rng.standard_normal(charge.shape, dtype=charge.dtype)
+            noise *= kind(sigma)
+            noise += charge
+            charge = noise
         if self.dsnu > 0:
-            charge = charge + kind(self.dsnu) * rng_sensor.normal("dsnu")
+            offset = kind(self.dsnu) * rng_sensor.normal("dsnu")
+            charge = charge + offset if offset.shape != charge.shape else np.add(charge, offset, out=offset)
         return {"charge": charge}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
