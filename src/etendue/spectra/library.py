@@ -354,6 +354,16 @@ def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
     return frozen(space.matrix_RGB_to_XYZ), frozen(space.whitepoint)
 
 
+def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tuple[float, float]]:
+    """Chromaticities xy of red, green, blue, and of the white, of a space in ``colour.RGB_COLOURSPACES``.
+
+    Unknown names raise ValueError.
+    """
+    space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
+    primaries = tuple((float(x), float(y)) for x, y in np.asarray(space.primaries).reshape(3, 2))
+    return primaries, (float(space.whitepoint[0]), float(space.whitepoint[1]))
+
+
 def adaptation_matrix(name: str) -> FloatArray:
     """XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", "CAT16", ...
 

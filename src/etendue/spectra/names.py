@@ -63,3 +63,16 @@ def check_camera(name: str) -> None:
     """Refuse an unknown camera; the path of a CSV table and ``flat`` pass."""
     if not name.endswith(".csv") and name != "flat":
         require_name(name, tables("camera"), "camera", "the path of a CSV table, or flat")
+
+
+@cache
+def rgb_space_names() -> frozenset[str]:
+    """The RGB spaces of colour-science."""
+    text = (files("etendue") / "data" / "spectral_tables.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return frozenset(row["name"] for row in rows if row["kind"] == "rgb_space")
+
+
+def check_rgb_space(name: str, besides: Collection[str] = ()) -> None:
+    """Refuse what is neither an RGB space nor one of the names besides."""
+    require_name(name, [*rgb_space_names(), *besides], "RGB space", ", ".join(map(repr, besides)))

@@ -1,0 +1,126 @@
+"""Noise carried through: what a chain of linear steps makes of noise that is independent from pixel to pixel.
+
+In:  what the chain answers to one pixel at each place of the mosaic's cell; the variance there; or planes of noise.
+Out: covariance between channels at one pixel and between neighbours.
+Sources: linear propagation of covariance, C = sum over pixels of v h h^T.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatArray:
+    """Covariance of the output's channels at two pixels, averaged over the places in the mosaic's cell.
+
+    Parameters
+    ----------
+    responses : (place, channel, y, x) array
+        The output's answer to a unit step of one pixel, for each place of the cell, in a window that holds all of it.
+    variance : (place,) array
+        Of the independent noise at these places, at or above 0.
+    lag : two ints, pixels
+        From the first pixel to the second, along y and x; both outputs lie in the same window.
+
+    Returns
+    -------
+    (channel, channel) array, unit of variance x response^2
+        Entry (i, j): channel i at a pixel, channel j at that pixel plus the lag.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit or a variance is negative.
+
+    Notes
+    -----
+    Each place stands once in every cell, so the mean over output pixels is the sum over the response divided by the
+    number of places. Exact for a linear chain that repeats with the cell; error: rounding of the sum.
+    """
+    h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
+    if h.ndim != 4 or v.shape != h.shape[:1]:
+        raise ValueError(f"responses has shape {h.shape} and variance {v.shape}; allowed are (place, channel, y, x) and (place,)")
+    if not np.all(v >= 0):
+        raise ValueError(f"variance is {v.tolist()}; allowed are numbers at or above 0")
+    first, second = h[_shifted(lag, 1, h.shape)], h[_shifted(lag, -1, h.shape)]
+    return np.asarray(np.einsum("p,pcyx,pdyx->cd", v, first, second) / len(h))
+
+
+def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """Where the first (sign 1) or second (sign -1) of two pixels lies so that both are inside."""
+    parts = [slice(None), slice(None)]
+    for step, size in zip(lag, shape[-2:], strict=True):
+        if abs(step) >= size:
+            raise ValueError(f"lag is {lag}; allowed are steps smaller than the window, {shape[-2]} x {shape[-1]}")
+        step *= sign
+        parts.append(slice(max(0, -step), size - max(0, step)))
+    return tuple(parts)
+
+
+def found_covariance(noise: ArrayLike, lag: tuple[int, int] = (0, 0)) -> FloatArray:
+    """The same, of planes of noise whose mean is 0.
+
+    Parameters
+    ----------
+    noise : (channel, y, x) or (frame, channel, y, x) array
+        See `without_trend`.
+    lag : two ints, pixels
+
+    Returns
+    -------
+    (channel, channel) array, unit of noise squared
+    """
+    noise = np.asarray(noise, np.float64)
+    if noise.ndim not in (3, 4):
+        raise ValueError(f"noise has shape {noise.shape}; allowed are (channel, y, x) and (frame, channel, y, x)")
+    planes = noise if noise.ndim == 4 else noise[None]
+    first, second = planes[_shifted(lag, 1, planes.shape)], planes[_shifted(lag, -1, planes.shape)]
+    return np.asarray(np.einsum("fcyx,fdyx->cd", first, second) / (first.size / first.shape[1]))
+
+
+def correlation(covariance: ArrayLike, variances: ArrayLike) -> FloatArray:
+    """Covariance over the geometric mean of the variances, (channel, channel); NaN where a channel is free of noise."""
+    spread = np.sqrt(np.asarray(variances, np.float64))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.asarray(covariance, np.float64) / np.outer(spread, spread))
+
+
+def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
+    """Planes minus the polynomial of this total degree in y and x that lies nearest to each of them.
+
+    Parameters
+    ----------
+    planes : (..., y, x) array
+    degree : int
+        At or above 0; 2 takes away what a lens's fall-off leaves in a window.
+
+    Returns
+    -------
+    (..., y, x) array
+        The noise; its variance is smaller by the fitted terms' share, terms/pixels.
+    """
+    planes = np.asarray(planes, np.float64)
+    rows, columns = planes.shape[-2:]
+    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
+    terms = [y**i * x**j for i in range(degree + 1) for j in range(degree + 1 - i)]
+    basis, _ = np.linalg.qr(np.stack([t.ravel() for t in terms], axis=1))
+    flat = planes.reshape(*planes.shape[:-2], -1)
+    return np.asarray((flat - (flat @ basis) @ basis.T).reshape(planes.shape))
+
+
+def standard_error_of_variance(noise: ArrayLike, block: int = 16) -> FloatArray:
+    """Standard error of each channel's variance, (channel,), from the scatter of blocks that are larger than its correlation.
+
+    ``noise`` is (frame, channel, y, x); at least four blocks are needed, else NaN.
+    """
+    noise = np.asarray(noise, np.float64)
+    rows, columns = noise.shape[-2] // block, noise.shape[-1] // block
+    count = noise.shape[0] * rows * columns
+    if count < 4:
+        return np.full(noise.shape[1], np.nan)
+    cut = noise[..., : rows * block, : columns * block].reshape(noise.shape[0], noise.shape[1], rows, block, columns, block)
+    means = np.mean(cut**2, axis=(3, 5))
+    return np.asarray(means.std(axis=(0, 2, 3), ddof=1) / np.sqrt(count))

@@ -1,0 +1,56 @@
+"""Noise by stage, on the terminal.
+
+In:  the document of a noise study.
+Out: two tables: the mosaic, and every picture made of it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.markup import escape
+
+from etendue.report.terminal import _out, _table
+
+
+def print_noise(document: dict[str, Any]) -> None:
+    """Predicted and found, side by side."""
+    console = _out()
+    frames = "1 frame" if document["frames"] == 1 else f"{document['frames']} frames"
+    console.print(f"{document['pipeline']}: a grey card of reflectance {document['reflectance']:g}, {frames}; 1 is clipping, or white")
+    columns = (("mosaic", "left"), ("electrons", "right"), ("predicted", "right"), ("found", "right"), ("ratio", "right"))
+    table = _table("standard deviation of a pixel", *columns)
+    for row in document["mosaic"]:
+        electrons = "" if row["electrons"] is None else f"{row['electrons']:.0f}"
+        table.add_row(row["channel"], electrons, f"{row['predicted']:.3e}", _found(row), _ratio(row))
+    console.print(table)
+    columns = (
+        ("stage", "left"), ("", "left"), ("predicted", "right"), ("found", "right"), ("ratio", "right"), ("neighbours", "left"),
+        ("between channels", "left"),
+    )  # fmt: skip
+    table = _table("behind each stage: standard deviation; correlations predicted -> found", *columns, wrap=("between channels",))
+    last = None
+    for row in document["rows"]:
+        stage, last = ("" if last == (row["stage"], row["variable"]) else row["stage"]), (row["stage"], row["variable"])
+        between = ", ".join(
+            f"{pair} {c['predicted']:.2f} -> {c['found']:.2f}"
+            for pair, c in row["correlation"].items()
+            if pair.split()[0] == row["channel"]
+        )
+        beside = f"{row['neighbours']['predicted']:.2f} -> {row['neighbours']['found']:.2f}"
+        table.add_row(stage, row["channel"], f"{row['predicted']:.2e}", f"{row['found']:.2e}", _ratio(row), beside, between)
+    console.print(table)
+    errors = [row["standard_error"] / row["found"] for row in document["rows"] if row["found"] and row["standard_error"] is not None]
+    if errors:
+        console.print(f"standard error of what was found: {100 * max(errors):.1f} % at most")
+    for note in document["notes"]:
+        console.print(f"note: {escape(note)}")
+
+
+def _found(row: dict[str, Any]) -> str:
+    return f"{row['found']:.3e} +- {row['standard_error']:.0e}"
+
+
+def _ratio(row: dict[str, Any]) -> str:
+    """Found over predicted."""
+    return f"{row['found'] / row['predicted']:.3f}" if row["predicted"] else ""

@@ -1,0 +1,319 @@
+"""``etendue noise``: noise carried through a camera's stages, predicted and found, of a flat grey scene.
+
+In:  a pipeline as written, the reflectance of its flat scene, a number of frames.
+Out: for each stage behind the linearised mosaic the standard deviation of every channel, the correlation between channels and
+     between neighbours: predicted from the camera's own figures and found in frames of noise.
+
+Prediction: the variance of a pixel of the mosaic follows from shot noise, read noise, fixed patterns and rounding; what the later
+stages make of it follows from what they answer to a small step of one pixel at each place of the colour filter array, so that it
+holds for any stage, plugins too. It is linear about the flat field: a stage that adapts to its picture, such as a directional
+demosaicer, adapts to real noise as well, and then the two columns differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import RequestError
+from etendue.physics import noise_propagation as propagation
+from etendue.plan.model import CellRef, Node, Plan
+from etendue.plan.planner import make_plan
+from etendue.registry import Registry
+from etendue.run.cell import compute
+from etendue.run.jobs import Job, make_jobs
+from etendue.run.segments import Result
+from etendue.session import Options, execute
+from etendue.spec.pipeline import Pipeline, StageEntry
+from etendue.spec.ports import Progress
+from etendue.spec.stage import is_source, parameters_of
+from etendue.stages.exposure import Exposing
+from etendue.stages.gain_chain import GainChain
+from etendue.stages.masks import mask_of
+
+PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
+BORDER, REACH, LARGEST = 16, 20, 192  # pixels: left out at the border, held by a response, side of the window that is measured
+STEP = 1e-4  # of a response's step, of full scale
+TREND = 4  # degree of what is taken off before noise is measured: fall-off over a wide field is no noise
+MOSAIC = "mosaic_linear"
+
+
+@dataclass
+class StageNoise:
+    """One picture of one stage: per channel, and correlations of the first channel pairs."""
+
+    stage: str
+    variable: str
+    channels: tuple[str, ...]
+    predicted: list[float]  # standard deviations
+    found: list[float]
+    found_error: list[float]  # standard error of what was found
+    between: dict[str, tuple[float, float]]  # 'R G' -> correlation at one pixel, predicted and found
+    neighbours: list[tuple[float, float]]  # correlation of horizontal neighbours by channel, predicted and found
+
+
+@dataclass
+class NoiseReport:
+    """Noise behind every stage of a camera."""
+
+    pipeline: str
+    reflectance: float
+    frames: int
+    signal: dict[str, float]  # channel -> mean charge, electron
+    mosaic: dict[str, tuple[float, float, float]]  # channel -> standard deviation of the mosaic: predicted, found, standard error
+    rows: list[StageNoise] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        rows = []
+        for row in self.rows:
+            for i, channel in enumerate(row.channels):
+                rows.append({
+                    "stage": row.stage, "variable": row.variable, "channel": channel, "predicted": row.predicted[i],
+                    "found": row.found[i], "standard_error": row.found_error[i],
+                    "neighbours": {"predicted": row.neighbours[i][0], "found": row.neighbours[i][1]},
+                    "correlation": {pair: {"predicted": p, "found": f} for pair, (p, f) in row.between.items() if channel in pair.split()},
+                })  # fmt: skip
+        mosaic = [
+            {"channel": c, "electrons": self.signal.get(c), "predicted": p, "found": f, "standard_error": e}
+            for c, (p, f, e) in self.mosaic.items()
+        ]
+        return {
+            "pipeline": self.pipeline, "reflectance": self.reflectance, "frames": self.frames, "mosaic": mosaic, "rows": rows,
+            "notes": self.notes,
+        }  # fmt: skip
+
+
+def noise(
+    pipeline: Pipeline,
+    registry: Registry,
+    reflectance: float = 0.18,
+    frames: int = 4,
+    options: Options | None = None,
+    progress: Callable[[Plan], Progress] | None = None,
+) -> NoiseReport:
+    """Predict and measure the noise of a camera behind every stage.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Its scene is replaced by a flat one of the same size and light; a sweep is left out, the camera's own values hold.
+    registry : Registry
+    reflectance : float
+        Of the flat scene, above 0 and at most 1.
+    frames : int
+        How many frames of noise, at least 1, each with fixed patterns of its own.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline; a camera without a mosaic, or a picture too small to measure in.
+    """
+    if not 0 < reflectance <= 1:
+        raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
+    if frames < 1:
+        raise RequestError(f"--frames {frames}: expected at least 1")
+    notes = ["the sweep is left out: the camera's own values hold"] if pipeline.sweep else []
+    flat = _flat(pipeline, registry, reflectance)
+    plan = make_plan(flat, registry, leave_out_allowed=False)
+    chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]
+    if not any(MOSAIC in node.writes for node in plan.nodes) or not chosen:
+        raise RequestError("the pipeline has no mosaic_linear, or no picture made of it: there is no noise to follow", pipeline.file)
+    wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe)
+    flat = replace(flat, wanted=wanted, keep=None, precision="float64")
+    runs = [make_plan(replace(flat, seed=flat.seed + number), registry, leave_out_allowed=False) for number in range(frames)]
+    outcomes = [execute(run, None, options, progress(run) if progress else None) for run in runs]
+    for outcome in outcomes:
+        if outcome.failed:
+            report = outcome.failed[0]
+            raise RequestError(f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file)
+    first = next(n for n in runs[0].nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
+    arrays = [{ref: found for ref, found in outcome.arrays.items()} for outcome in outcomes]
+    return _Measurement(runs[0], first, arrays, notes).report(flat, reflectance)
+
+
+def _flat(pipeline: Pipeline, registry: Registry, reflectance: float) -> Pipeline:
+    """The pipeline in front of a flat grey card of the size and light of its scene."""
+    allowed = set(parameters_of(registry.load("uniform"))) - {"reflectance"}
+    entries: list[StageEntry] = []
+    for entry in pipeline.stages:
+        if entry.use in registry and is_source(registry.load(entry.use)):
+            values = {name: value for name, value in entry.values.items() if name in allowed}
+            entry = replace(entry, use="uniform", values={**values, "reflectance": reflectance})
+        entries.append(entry)
+    return replace(pipeline, stages=tuple(entries), sweep={})
+
+
+class _Measurement:
+    """What is predicted and found behind one node."""
+
+    def __init__(self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Any]]], notes: list[str]) -> None:
+        self.plan, self.first, self.arrays, self.notes = plan, first, arrays, notes
+        self.ref: CellRef = (first.name, ())
+        self.stages = {node.name: plan.cells[(node.name, ())].stage for node in plan.nodes}
+        if arrays[0][self.ref][MOSAIC].ndim != 2:
+            raise RequestError("the mosaic has frames of its own (an exposure series): follow the noise of a single exposure")
+        self.rows, self.columns = arrays[0][self.ref][MOSAIC].shape
+        side = min(self.rows, self.columns)
+        if side < 2 * BORDER + 32 or side < 2 * REACH + 8:
+            raise RequestError(f"the picture has {self.rows} x {self.columns} pixels: at least 64 x 64 are needed to measure noise")
+        self.mask = self._mask()
+
+    def _mask(self) -> Any:
+        """Channel names by place in the cell, as the window sees them."""
+        pattern = next((s.pattern for s in self.stages.values() if hasattr(s, "pattern")), "mono")
+        mask = mask_of(pattern)
+        grid = self.plan.cells[self.ref].grids[MOSAIC]
+        down, right = (round(grid.line(dim).start) for dim in ("y", "x"))
+        cell = np.array([list(row) for row in mask.rows], dtype=object)
+        return np.roll(cell, (-(down % cell.shape[0]), -(right % cell.shape[1])), (0, 1))
+
+    def window(self, array: Any) -> Any:
+        """The middle of a picture, beginning at the cell's first place."""
+        slices = []
+        for size, period in zip(array.shape[-2:], self.mask.shape, strict=True):
+            side = min(size - 2 * BORDER, LARGEST) // period * period
+            start = (size - side) // 2 // period * period
+            slices.append(slice(start, start + side))
+        return array[(..., *slices)]
+
+    def report(self, pipeline: Pipeline, reflectance: float) -> NoiseReport:
+        mosaics = [self.window(a[self.ref][MOSAIC]) for a in self.arrays]
+        by_place: dict[tuple[int, int], Any] = {}
+        for y, x in np.ndindex(self.mask.shape):
+            by_place[y, x] = propagation.without_trend(
+                np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics]), TREND
+            )
+        model = self._model()
+        found = {place: float(np.mean(planes**2)) for place, planes in by_place.items()}
+        variance = {place: model.get(str(self.mask[place]), found[place]) if model else found[place] for place in by_place}
+        if not model:
+            self.notes.append("the mosaic's noise is not that of an exposure this command knows: predictions start from what was found")
+        channels = list(dict.fromkeys(str(c) for c in self.mask.ravel()))
+        mosaic = {}
+        for channel in channels:
+            own = [by_place[p] for p in by_place if str(self.mask[p]) == channel]
+            error = propagation.standard_error_of_variance(np.concatenate([o[:, None] for o in own]), block=8)[0]
+            value = float(np.mean([np.mean(o**2) for o in own])) ** 0.5
+            expected = float(np.mean([variance[p] for p in by_place if str(self.mask[p]) == channel])) ** 0.5
+            mosaic[channel] = (expected, value, float(error) / (2 * value) if value else 0.0)
+        report = NoiseReport(pipeline.name, reflectance, len(self.arrays), self._signal(), mosaic, notes=self.notes)
+        responses = self._responses(np.mean([a[self.ref][MOSAIC] for a in self.arrays], axis=0))
+        order = [variance[place] for place in by_place]
+        for (stage, variable), answers in responses.items():
+            report.rows.append(self._row(stage, variable, answers, order))
+        return report
+
+    def _signal(self) -> dict[str, float]:
+        """Mean charge by channel, electron."""
+        ref = next((r for r, found in self.arrays[0].items() if "expected_charge" in found), None)
+        if ref is None:
+            return {}
+        charge = self.window(self.arrays[0][ref]["expected_charge"])
+        tiles = np.tile(self.mask, (charge.shape[0] // self.mask.shape[0], charge.shape[1] // self.mask.shape[1]))
+        return {str(c): float(charge[tiles == c].mean()) for c in dict.fromkeys(self.mask.ravel())}
+
+    def _model(self) -> dict[str, float]:
+        """Variance of a pixel of the linearised mosaic by channel, from the figures of exposure, noise and converter."""
+        stages = self.stages.values()
+        exposing = next((s for s in stages if isinstance(s, Exposing)), None)
+        chain = next((s for s in stages if isinstance(s, GainChain) and "raw" in type(s).writes), None)
+        signal = self._signal()
+        time = getattr(exposing, "integration_time", None)
+        if exposing is None or chain is None or not signal or time is None:
+            return {}
+        names = {type(s).__name__ for s in stages}
+        dark = float(exposing.dark_charge(time))
+        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))
+        lines = sum(getattr(s, k, 0.0) ** 2 for s in stages for k in ("row_pattern", "column_pattern", "row_noise", "column_noise"))
+        if lines:
+            self.notes.append("noise of whole rows and columns is counted as if each pixel had its own")
+        gain = float(chain.dn_per_electron())
+        found = {}
+        for channel, charge in signal.items():
+            patterns = (exposing.prnu * (charge - dark)) ** 2 + (exposing.dark_nonuniformity * dark) ** 2
+            electrons = (charge if "ShotNoise" in names else 0.0) + patterns + read + lines
+            found[channel] = (electrons * gain**2 + 1 / 12) / chain.white() ** 2
+        return found
+
+    def _responses(self, mosaic: Any) -> dict[tuple[str, str], Any]:
+        """What every picture answers to a step of one pixel at each place of the cell: (place, channel, y, x)."""
+        flat = np.empty_like(mosaic)
+        for y, x in np.ndindex(self.mask.shape):
+            flat[y :: self.mask.shape[0], x :: self.mask.shape[1]] = self.window(mosaic)[
+                y :: self.mask.shape[0], x :: self.mask.shape[1]
+            ].mean()
+        jobs = make_jobs(self.plan, set(self.plan.cells), lambda cell: None, deliver_all=True)
+        behind = self._behind()
+        answers: dict[tuple[str, str], list[Any]] = {}
+        middle = [size // 2 // period * period for size, period in zip(mosaic.shape, self.mask.shape, strict=True)]
+        for y, x in np.ndindex(self.mask.shape):
+            at = (middle[0] + y, middle[1] + x)
+            pair = []
+            for sign in (1.0, -1.0):
+                stepped = flat.copy()
+                stepped[at] += sign * STEP
+                pair.append(self._run(jobs, behind, stepped))
+            around = tuple(slice(m - REACH, m + REACH + 4) for m in middle)
+            for place in pair[0]:
+                step = (pair[0][place] - pair[1][place]) / (2 * STEP)
+                answers.setdefault(place, []).append(step[(..., *around)])
+        return {place: np.stack(found) for place, found in answers.items()}
+
+    def _behind(self) -> list[str]:
+        """The nodes that depend on the mosaic."""
+        reached = {self.first.name}
+        for node in self.plan.nodes:
+            if not node.is_probe and {source for _, source, _ in node.inputs[0]} & reached:
+                reached.add(node.name)
+        return [node.name for node in self.plan.nodes if node.name in reached - {self.first.name}]
+
+    def _run(self, jobs: Mapping[CellRef, Job], behind: list[str], mosaic: Any) -> dict[tuple[str, str], Any]:
+        """The pictures that the stages behind make of another mosaic."""
+        results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
+        results[self.ref] = Result(arrays={**results[self.ref].arrays, MOSAIC: mosaic})
+        found = {}
+        for name in behind:
+            ref: CellRef = (name, ())
+            if ref not in jobs:
+                continue
+            results[ref], report = compute(jobs[ref], results)
+            if report.status == "failed":
+                raise RequestError(f"the stage {name!r} broke off on a flat field: {report.message.splitlines()[-1]}")
+            for variable, array in results[ref].arrays.items():
+                if variable in PICTURES:
+                    found[name, variable] = np.asarray(array, np.float64)
+        return found
+
+    def _row(self, stage: str, variable: str, answers: Any, variance: list[float]) -> StageNoise:
+        node = self.plan.node(stage)
+        labels = self.plan.cells[(stage, ())].grids[variable]["channel"]
+        names = tuple(str(v) for v in labels.values())
+        frames = np.stack([self.window(a[(node.name, ())][variable]) for a in self.arrays])
+        noise_of = propagation.without_trend(self._without_pattern(frames), TREND)
+        carried, found = propagation.carried_covariance(answers, variance), propagation.found_covariance(noise_of)
+        beside = propagation.carried_covariance(answers, variance, (0, 1)), propagation.found_covariance(noise_of, (0, 1))
+        spreads = np.diag(carried), np.diag(found)
+        shared = [propagation.correlation(c, s) for c, s in zip((carried, found), spreads, strict=True)]
+        next_to = [propagation.correlation(c, s) for c, s in zip(beside, spreads, strict=True)]
+        errors = propagation.standard_error_of_variance(noise_of)
+        pairs = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found_error = errors / (2 * np.sqrt(spreads[1]))
+        return StageNoise(
+            stage, variable, names, np.sqrt(spreads[0]).tolist(), np.sqrt(spreads[1]).tolist(), found_error.tolist(),
+            {f"{names[i]} {names[j]}": (float(shared[0][i, j]), float(shared[1][i, j])) for i, j in pairs},
+            [(float(next_to[0][i, i]), float(next_to[1][i, i])) for i in range(len(names))],
+        )  # fmt: skip
+
+    def _without_pattern(self, frames: Any) -> Any:
+        """Minus what repeats with the cell: a demosaicer may leave the mosaic's own pattern on a flat field."""
+        mean = frames.copy()
+        for y, x in np.ndindex(self.mask.shape):
+            place = (..., slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))
+            mean[place] -= mean[place].mean(axis=(-2, -1), keepdims=True)
+        return mean

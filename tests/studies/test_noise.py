@@ -1,0 +1,127 @@
+"""Noise behind every stage: what is predicted is what frames of noise show."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from etendue.cli import main
+from etendue.errors import RequestError
+from etendue.registry import installed_stages
+from etendue.session import load
+from etendue.studies.noise import noise
+
+CAMERA = """
+name = "small"
+seed = 3
+[camera]
+pixel_pitch = "4 um"
+integration_time = "10 ms"
+peak_qe = [0.4]
+{camera}
+[[stages]]
+use = "slanted_edge"
+white_luminance = "500 cd m-2"
+width = "{side} um"
+height = "{side} um"
+spacing = "4 um"
+[[stages]]
+use = "irradiance"
+[[stages]]
+use = "pixel"
+sampling = "paper"
+[[stages]]
+use = "mosaic"
+[[stages]]
+use = "exposure"
+[[stages]]
+use = "shot_noise"
+[[stages]]
+use = "full_well"
+[[stages]]
+use = "read_noise"
+[[stages]]
+use = "adc"
+[[stages]]
+use = "linearise"
+[[stages]]
+use = "{demosaic}"
+name = "demosaic"
+[[stages]]
+use = "sharpen"
+[[stages]]
+use = "white"
+[[stages]]
+use = "colour_fit"
+[[stages]]
+use = "camera_to_xyz"
+[[stages]]
+use = "display"
+[[stages]]
+use = "encode"
+"""
+
+
+def camera(demosaic="demosaic_bilinear", camera="", side=480):
+    return load(CAMERA.format(demosaic=demosaic, camera=camera, side=side))
+
+
+def measured(*arguments, **options):
+    return noise(camera(*arguments), installed_stages(), **options)
+
+
+@pytest.mark.parametrize("demosaic", ["demosaic_bilinear", "demosaic_colour_difference", "demosaic_nearest"])
+def test_linear_stages_carry_noise_as_predicted(demosaic):
+    """Four standard errors (88 x 88 pixels, 2 frames: about 1.3 % each) and the correlations to 0.04."""
+    report = measured(demosaic, frames=2)
+    for expected, found, error in report.mosaic.values():
+        assert abs(found - expected) < 4 * error + 0.003 * expected
+    assert [row.stage for row in report.rows] == ["demosaic", "sharpen", "camera_to_xyz", "display", "encode"]
+    for row in report.rows:
+        np.testing.assert_allclose(row.found, row.predicted, rtol=0.06)
+        for expected, found in [*row.between.values(), *row.neighbours]:
+            assert abs(found - expected) < 0.05
+
+
+def test_bilinear_keeps_nine_sixteenths_of_reds_variance_and_no_channel_takes_from_another():
+    (row, *_), mosaic = (report := measured(frames=1)).rows, report.mosaic
+    np.testing.assert_allclose(row.predicted[0] / mosaic["R"][0], 0.75, rtol=1e-9)
+    np.testing.assert_allclose(row.predicted[1] / mosaic["G"][0], 0.625**0.5, rtol=1e-9)
+    assert all(abs(expected) < 1e-9 for expected, _ in row.between.values())
+
+
+def test_patterns_of_the_sensor_are_part_of_the_noise_of_a_frame():
+    """With no read noise and a strong offset pattern the mosaic's noise is shot noise and pattern."""
+    report = measured("demosaic_bilinear", "dsnu = 200\nread_noise = 0", frames=3)
+    for expected, found, error in report.mosaic.values():
+        assert abs(found - expected) < 4 * error + 0.003 * expected
+
+
+def test_any_array_is_followed_through_a_demosaicer_that_knows_it():
+    report = measured("demosaic_any", 'pattern = "X-Trans"', 480, frames=2)
+    np.testing.assert_allclose(report.rows[0].found, report.rows[0].predicted, rtol=0.06)
+
+
+def test_a_camera_without_a_mosaic_a_small_picture_and_nonsense_are_refused():
+    with pytest.raises(RequestError, match="at least 64 x 64"):
+        measured("demosaic_bilinear", "", 200)
+    with pytest.raises(RequestError, match="reflectance 0"):
+        measured(reflectance=0.0)
+    with pytest.raises(RequestError, match="frames 0"):
+        measured(frames=0)
+    bare = load(
+        "name = 'x'\n[camera]\npeak_qe = [0.4]\n[[stages]]\nuse = 'uniform'\nwhite_luminance = 100\n[[stages]]\nuse = 'irradiance'\n"
+    )
+    with pytest.raises(RequestError, match="no mosaic_linear"):
+        noise(bare, installed_stages())
+
+
+def test_the_command_prints_tables_and_strict_json(tmp_path):
+    file = tmp_path / "small.toml"
+    file.write_text(CAMERA.format(demosaic="demosaic_bilinear", camera="", side=480))
+    text = CliRunner().invoke(main, ["noise", str(file), "--frames", "1"])
+    assert text.exit_code == 0 and "predicted" in text.output and "demosaic" in text.output
+    document = json.loads(CliRunner().invoke(main, ["noise", str(file), "--frames", "1", "--json"]).output, parse_constant=pytest.fail)
+    assert {row["stage"] for row in document["rows"]} >= {"demosaic", "sharpen", "display"}
+    assert CliRunner().invoke(main, ["noise", str(file), "--reflectance", "2"]).exit_code == 2
