@@ -165,3 +165,20 @@ def test_constants_cannot_be_written():
     for matrix in (colour.RGB_TO_XYZ_PAL, colour.EQ16_AS_PRINTED, *colour.TRANSFORMS.values()):
         with pytest.raises(ValueError, match="read-only"):
             matrix[0, 0] = 0
+
+
+def test_a_ridge_trades_residual_for_a_smaller_matrix_and_keeps_the_white():
+    """Nearly equal channels: the free elements shrink steadily, the error grows steadily, white stays exact to rounding."""
+    rng = np.random.default_rng(4)
+    base = rng.uniform(0.1, 1, (24, 1))
+    samples = base + 0.02 * rng.normal(size=(24, 3))
+    targets = samples @ rng.normal(size=(3, 3)) + 0.01 * rng.normal(size=(24, 3))
+    white, target = np.ones(3), np.array([0.95, 1.0, 1.09])
+    fits = [colour.fit_matrix(samples, targets, white, target, ridge=r) for r in (0, 1e-4, 1e-2, 1)]
+    sizes, residuals = [np.linalg.norm(f.matrix) for f in fits], [f.residual for f in fits]
+    assert all(a > b for a, b in zip(sizes, sizes[1:], strict=False))
+    assert all(a < b for a, b in zip(residuals, residuals[1:], strict=False))
+    for fit in fits:
+        assert_allclose(fit.matrix @ white, target, rtol=1e-12)
+    with pytest.raises(ValueError, match="ridge is -1"):
+        colour.fit_matrix(samples, targets, ridge=-1)
