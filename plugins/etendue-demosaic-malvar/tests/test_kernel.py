@@ -84,6 +84,25 @@ def test_transposing_the_mosaic_transposes_the_result(rows, columns, seed):
     assert_allclose(malvar(raw.T, "GBRG"), malvar(raw, "GRBG").transpose(0, 2, 1), rtol=0, atol=1e-15)
 
 
+@given(pattern=patterns, seed=seeds)
+def test_moving_the_window_moves_the_picture_and_mirroring_mirrors_it(pattern, seed):
+    raw = np.random.default_rng(seed).uniform(-1.0, 1.0, (13, 13))
+    whole = malvar(raw, pattern)
+    beside, below = pattern[1] + pattern[0] + pattern[3] + pattern[2], pattern[2:] + pattern[:2]
+    assert_array_equal(malvar(raw[:, 1:], beside)[:, 2:-2, 2:-2], whole[:, 2:-2, 3:-2])
+    assert_array_equal(malvar(raw[1:], below)[:, 2:-2, 2:-2], whole[:, 3:-2, 2:-2])
+    assert_array_equal(malvar(raw[::-1], pattern), whole[:, ::-1])
+    assert_array_equal(malvar(raw[:, ::-1], pattern), whole[:, :, ::-1])
+    assert_array_equal(malvar(-raw, pattern), -whole)
+
+
+def test_nan_spreads_no_further_than_the_kernels_reach():
+    raw = np.random.default_rng(1).uniform(0.0, 1.0, (15, 15))
+    raw[7, 8] = np.nan
+    y, x = np.nonzero(np.isnan(malvar(raw, "GRBG")).any(axis=0))
+    assert max(abs(y - 7).max(), abs(x - 8).max()) == 2
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 6), (5, 1)])
 def test_a_frame_of_one_line_is_interpolated_along_its_length(shape):
     raw = np.random.default_rng(1).uniform(0.0, 1.0, shape)

@@ -1,0 +1,1 @@
+"""Menon's directional demosaicing for etendue, computed by colour-demosaicing."""

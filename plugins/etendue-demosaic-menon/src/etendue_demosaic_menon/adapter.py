@@ -1,0 +1,79 @@
+"""colour-demosaicing's Menon 2007 with the manners of a kernel: any size, the input's precision, no traces of its import.
+
+In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
+Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
+Source: Menon, Andriani, Calvagno, "Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image
+        Processing 16 (2007) 132, as implemented by the package colour-demosaicing.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue.physics.demosaic import bilinear
+
+SMALLEST = 6  # a side that holds the filters of the package; smaller ones are mirrored
+MARGIN = 6  # even, so that the pattern stays
+
+_importing = threading.Lock()
+_loaded: list[Callable[..., Any]] = []
+
+
+def implementation() -> Callable[..., Any]:
+    """The package's function, imported at the first call: it brings colour-science, a second and more.
+
+    Its import warns of a namespace of SciPy's that will go (and colour-science's of what is not installed), and sets numpy's print
+    options back to those of version 1.13 for everybody; both end here.
+    """
+    with _importing:
+        if not _loaded:
+            with warnings.catch_warnings(), np.printoptions():
+                warnings.simplefilter("ignore")
+                from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007
+            _loaded.append(demosaicing_CFA_Bayer_Menon2007)
+    return _loaded[0]
+
+
+def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
+    """Green along the direction of the more even colour differences; red and blue follow it.
+
+    Parameters
+    ----------
+    mosaic : (y, x) array, any unit
+    pattern : str
+        One of `etendue.physics.mosaic.PATTERNS`.
+    refine : bool
+        Whether the method's last step, which smooths the differences along the chosen direction, is taken.
+
+    Returns
+    -------
+    (3, y, x) array, unit and dtype of mosaic (integers become float64)
+        May leave the range of the mosaic: nothing is clipped. The package's own result, computed in float64, wherever both
+        sides are 6 or more.
+
+    Raises
+    ------
+    ValueError
+        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+
+    Notes
+    -----
+    Smaller frames are mirrored about their outermost samples to a frame that the method can take, and cut out of its result.
+    A frame of one row or one column has no second direction; it is interpolated linearly along its length.
+    """
+    mosaic = np.asarray(mosaic)
+    if mosaic.ndim != 2 or mosaic.size == 0 or 1 in mosaic.shape:
+        return bilinear(mosaic, pattern)
+    bilinear(mosaic[:1, :1], pattern)  # refuses an unknown pattern before anything is imported
+    dtype = mosaic.dtype if np.issubdtype(mosaic.dtype, np.floating) else np.dtype(np.float64)
+    margins = [MARGIN if size < SMALLEST else 0 for size in mosaic.shape]
+    framed = np.pad(mosaic, [(margin, margin) for margin in margins], mode="reflect") if any(margins) else mosaic
+    found = implementation()(framed.astype(np.float64), pattern, refining_step=refine)
+    rows, columns = (slice(margin, margin + size) for margin, size in zip(margins, mosaic.shape, strict=True))
+    return np.ascontiguousarray(np.moveaxis(found[rows, columns], -1, 0), dtype=dtype)
