@@ -24,11 +24,11 @@ def print_noise(document: dict[str, Any]) -> None:
         electrons = "" if row["electrons"] is None else f"{row['electrons']:.0f}"
         table.add_row(row["channel"], electrons, f"{row['predicted']:.3e}", _found(row), _ratio(row))
     console.print(table)
-    columns = (
+    behind = (
         ("stage", "left"), ("", "left"), ("predicted", "right"), ("found", "right"), ("ratio", "right"), ("neighbours", "left"),
         ("between channels", "left"),
     )  # fmt: skip
-    table = _table("behind each stage: standard deviation; correlations predicted -> found", *columns, wrap=("between channels",))
+    table = _table("behind each stage: standard deviation; correlations predicted -> found", *behind, wrap=("between channels",))
     last = None
     for row in document["rows"]:
         stage, last = ("" if last == (row["stage"], row["variable"]) else row["stage"]), (row["stage"], row["variable"])

@@ -1,0 +1,75 @@
+"""Error against run time, both logarithmic: which alternative is worth its time.
+
+In:  points with a label, seconds per megapixel, error.
+Out: a PNG with the points, and the front of those that nothing else beats in both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+AROUND = (  # where a label may stand, points beside its own
+    (8, 6, "left"), (8, -13, "left"), (-8, 6, "right"), (-8, -13, "right"), (0, 13, "center"), (0, -20, "center"),
+    (8, 20, "left"), (8, -27, "left"), (-8, 20, "right"), (-8, -27, "right"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Point:
+    """One alternative."""
+
+    label: str
+    seconds: float
+    error: float
+    best: bool  # on the front
+
+
+def work_precision(points: list[Point], title: str, error: str) -> bytes:
+    """The plot as PNG; lower left is better."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    figure = Figure(figsize=(7.2, 5.0), dpi=120, facecolor="white", layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set(xscale="log", yscale="log", xlabel="thread time, s per Mpixel", ylabel=error, title=title)
+    for limits, values in ((axes.set_xlim, [p.seconds for p in points]), (axes.set_ylim, [p.error for p in points])):
+        low, high = min(values), max(values)
+        room = max((high / low) ** 0.18, 1.15)
+        limits(low / room, high * room)
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        subs = (1.0,) if high / low > 200 else (1.0, 2.0, 5.0) if high / low > 3 else tuple(1 + 0.1 * i for i in range(90))
+        axis.set_major_locator(LogLocator(subs=subs, numticks=9))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    front = sorted((p for p in points if p.best), key=lambda p: p.seconds)
+    if len(front) > 1:
+        x, y = [p.seconds for p in front], [p.error for p in front]
+        axes.plot(x, y, color="#3b6fb6", lw=1.2, zorder=2, label="nothing better is as fast")
+        axes.legend(loc="upper right", frameon=False, fontsize=8)
+    for chosen, colour in ((True, "#3b6fb6"), (False, "#9a9a9a")):
+        some = [p for p in points if p.best == chosen]
+        axes.scatter([p.seconds for p in some], [p.error for p in some], s=38, color=colour, zorder=3)
+    axes.grid(True, which="major", color="#dddddd", lw=0.6)
+    figure.canvas.draw()
+    taken = [axes.transData.transform((p.seconds, p.error)) for p in points]
+    boxes: list[Any] = []
+    for p in points:
+        for number, (right, up, side) in enumerate(AROUND):
+            text = axes.annotate(
+                p.label, (p.seconds, p.error), (right, up), textcoords="offset points", ha=side, fontsize=8,
+                color="black" if p.best else "#555555",
+            )  # fmt: skip
+            box = text.get_window_extent(canvas.get_renderer())
+            free = not any(box.overlaps(other) for other in boxes) and not any(box.contains(*place) for place in taken)
+            within = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0 and box.y1 <= axes.bbox.y1
+            if (free and within) or number == len(AROUND) - 1:
+                boxes.append(box)
+                break
+            text.remove()
+    picture = BytesIO()
+    figure.savefig(picture, format="png")
+    return picture.getvalue()

@@ -1,0 +1,156 @@
+"""What is compared: one axis of a pipeline, and what may stand on it.
+
+In:  ``demosaic.use``, ``demosaic.use=a,b,{ use = "c", iterations = 5 }`` or ``sharpen.strength=0,0.1``; a pipeline.
+Out: the axis with its values, or the installed alternatives of a stage; faults that name the nearest word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from etendue.errors import Fault, PluginError, RequestError, nearest
+from etendue.plan.model import Node
+from etendue.registry import Registry
+from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import Probe, is_transfer, reads_of, writes_of
+
+
+@dataclass(frozen=True)
+class Asked:
+    """``values`` None: whatever is installed."""
+
+    key: str
+    values: tuple[Any, ...] | dict[str, Any] | None
+
+    @property
+    def stage(self) -> str:
+        """Name of the stage, '' where a camera quantity is the axis."""
+        return self.key.rpartition(".")[0]
+
+    @property
+    def swaps(self) -> bool:
+        return self.key.endswith(".use")
+
+
+def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
+    """``NAME`` or ``NAME=V,V,..``; commas inside brackets, braces and quotes do not separate."""
+    key, equals, rest = text.partition("=")
+    key = key.strip()
+    if not key or (equals and not rest.strip()):
+        raise RequestError([Fault(f"--axis {text}", "expected NAME or NAME=VALUE,VALUE,.. such as demosaic.use")])
+    if not equals:
+        return Asked(key, None)
+    parts = _split(rest)
+    values = tuple(value_of(part) for part in parts)
+    for part, value in zip(parts, values, strict=True):
+        if part.startswith(("{", "[")) and isinstance(value, str):
+            raise RequestError([Fault(f"--axis {key}", f'{part} is no TOML; a table is written {{ use = "NAME", iterations = 5 }}')])
+    if len(values) == 1 and isinstance(values[0], list):
+        return Asked(key, tuple(values[0]))
+    if len(values) == 1 and isinstance(values[0], dict) and "from" in values[0]:
+        return Asked(key, values[0])
+    return Asked(key, values)
+
+
+def _split(text: str) -> list[str]:
+    parts, depth, quote, start = [], 0, "", 0
+    for place, letter in enumerate(text):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter in "[{":
+            depth += 1
+        elif letter in "]}":
+            depth -= 1
+        elif letter == "," and depth == 0:
+            parts.append(text[start:place])
+            start = place + 1
+    return [part.strip() for part in (*parts, text[start:])]
+
+
+def check_axis(asked: Asked, pipeline: Pipeline) -> None:
+    """What can be said of an axis without planning: the stage is there, and there are values where they are needed."""
+    names = [entry.name for entry in pipeline.stages]
+    place = f"--axis {asked.key}"
+    if not asked.stage and asked.key in names and asked.values is None:
+        raise RequestError([Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file)
+    if asked.stage and asked.stage not in names:
+        uses = {entry.use: entry.name for entry in pipeline.stages}
+        hint = f"; {asked.stage} is named {uses[asked.stage]!r} here" if asked.stage in uses else nearest(asked.stage, names)
+        raise RequestError([Fault(place, f"there is no stage named {asked.stage!r}{hint}")], pipeline.file)
+    if asked.values is None and not asked.swaps:
+        raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..")], pipeline.file)
+
+
+def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
+    """Alternatives that are named write what the stage of the file writes."""
+    own = {str(d) for d in writes_of(node.kind).values()}
+    faults = []
+    for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
+        use = value.get("use") if isinstance(value, dict) else value
+        if not isinstance(use, str) or use not in registry or registry.clash(use):
+            continue  # a fault that the planner names
+        try:
+            kind = registry.load(use)
+        except PluginError as error:
+            faults.append(Fault(f"--axis {asked.key}", str(error)))
+            continue
+        found = {str(d) for d in writes_of(kind).values()}
+        if found != own:
+            theirs, ours = (", ".join(sorted(some)) or "nothing" for some in (found, own))
+            text = f"{use} writes {theirs}, {node.alternatives[0].use} writes {ours}; alternatives write the same"
+            faults.append(Fault(f"--axis {asked.key}", text))
+    if faults:
+        raise RequestError(faults)
+
+
+def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
+    """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
+
+    Transfer functions of earlier stages may always be read. The stage itself comes first. Stages that exist for references
+    (``X_planes``) are none.
+    """
+    own = node.alternatives[0]
+    reads, writes = ({str(d) for d in found(own.kind).values()} for found in (reads_of, writes_of))
+    chosen, broken = [own.use], []
+    for name in registry.names():
+        if name == own.use or name.endswith("_planes"):
+            continue
+        try:
+            if registry.clash(name):
+                raise PluginError(f"the stage {name!r} is offered by {' and '.join(registry.clash(name))}; uninstall one of them")
+            kind = registry.load(name)
+        except PluginError as error:
+            broken.append(str(error))
+            continue
+        needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
+        fits = {str(d) for d in writes_of(kind).values()} == writes and needed <= reads and (needed or not reads)
+        if fits and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
+            chosen.append(name)
+    return chosen, broken
+
+
+def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
+    """The same camera at the first value of each axis of its file, and those values."""
+    camera, entries, at = dict(pipeline.camera), {e.name: e for e in pipeline.stages}, {}
+    for key, written in pipeline.sweep.items():
+        value = (
+            written.get("from") if isinstance(written, Mapping) else written[0] if isinstance(written, list | tuple) and written else None
+        )
+        if value is None:
+            continue  # a fault, which the planner reports
+        at[key] = value.get("label", value.get("use")) if isinstance(value, dict) else value
+        stage, _, name = key.rpartition(".")
+        if not stage:
+            camera[name] = value
+        elif stage in entries and name == "use":
+            table = {"use": value} if isinstance(value, str) else value
+            own = {k: v for k, v in table.items() if k not in ("use", "label")}
+            kept = entries[stage].values if table["use"] == entries[stage].use else {}
+            entries[stage] = replace(entries[stage], use=table["use"], values={**kept, **own})
+        elif stage in entries:
+            entries[stage] = replace(entries[stage], values={**entries[stage].values, name: value})
+    return replace(pipeline, camera=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at

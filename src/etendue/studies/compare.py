@@ -1,0 +1,360 @@
+"""Alternatives compared: quality against run time, on the pipeline's own camera.
+
+In:  a pipeline, an axis (`axis.Asked`), how often stages are timed, whether noise counts.
+Out: a ``Comparison``: a row for each alternative, best first, and the pictures to look at.
+
+The alternatives are one axis of one run: everything in front of them, its random numbers too, is computed once and the same for
+all. The reference (`branches`) is what the same pixels would give without noise and mosaic.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from etendue.errors import Fault, RequestError
+from etendue.physics.colour import D65_XY, xyz_from_xy
+from etendue.plan.model import Alternative, CellRef, Plan
+from etendue.plan.planner import make_plan
+from etendue.registry import Registry, installed_stages
+from etendue.run.cell import compute
+from etendue.run.jobs import make_jobs
+from etendue.run.segments import Result
+from etendue.session import Options, Outcome, execute
+from etendue.spec.pipeline import Pipeline
+from etendue.studies import edge
+from etendue.studies.axis import Asked, candidates, check_axis, check_writes, without_sweep
+from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
+from etendue.studies.figures import BORDER, colour_figures, display_figures, linear_figures
+
+
+@dataclass
+class Row:
+    """One alternative. What is not known is None."""
+
+    value: Any
+    label: str
+    use: str = ""
+    distribution: str = ""
+    version: str = ""
+    psnr: float | None = None  # dB, where the alternatives give their result
+    rmse: float | None = None
+    psnr_encoded: float | None = None
+    ssim: float | None = None
+    delta_e: float | None = None  # mean CIEDE2000
+    zipper: float | None = None
+    false_colour: float | None = None
+    mtf50: float | None = None  # cycles/pixel
+    mtf50_reference: float | None = None
+    seconds: float | None = None  # thread time of the stage
+    mpixel_per_second: float | None = None
+    seconds_per_mpixel: float | None = None
+    pareto: bool = False  # nothing is both better and faster
+    status: str = "done"  # refused: it cannot serve this pipeline; failed: it broke off
+    reason: str = ""
+
+
+FIGURES = tuple(
+    f.name for f in fields(Row) if f.name not in ("value", "label", "use", "distribution", "version", "pareto", "status", "reason")
+)
+
+
+@dataclass
+class Comparison:
+    """What came of it."""
+
+    pipeline: str
+    key: str
+    rows: list[Row]
+    variable: Place  # where psnr and mtf50 are measured
+    reference: Place
+    without: str
+    noise: str  # 1 frame, or expected values
+    size: tuple[int, int]  # pixels along y and x
+    at: dict[str, Any]  # values taken of the file's own sweep
+    notes: list[str]
+    pictures: dict[str, Any] = field(default_factory=dict)  # label: (3, y, x), encoded
+    reference_picture: Any = None
+
+    @property
+    def failed(self) -> bool:
+        return any(row.status == "failed" for row in self.rows)
+
+
+def compare(
+    pipeline: Pipeline, asked: Asked, repeat: int = 5, expected: bool = False, options: Options | None = None, progress: Any = None,
+    edges: bool = True,
+) -> Comparison:  # fmt: skip
+    """Run the alternatives and measure them.
+
+    Parameters
+    ----------
+    pipeline : as read; of a sweep in it the first values are taken
+    asked : the axis
+    repeat : how often each alternative is timed; the fastest counts
+    expected : whether noise and rounding are left out (expected values)
+    options : how the run is done
+    progress : ``plan -> Progress`` for the main run, or None
+    edges : whether MTF50 is measured, on a second run in front of an edge
+
+    Raises
+    ------
+    RequestError
+        The pipeline or the axis is wrong. An alternative that cannot serve or breaks off is a row with the reason.
+    """
+    options, registry = replace(options or Options(), pictures=False), installed_stages()
+    check_axis(asked, pipeline)
+    base, at = without_sweep(pipeline)
+    at.pop(asked.key, None)
+    nodes = nodes_of(base, registry)
+    if expected:
+        base = noise_free(base, nodes)
+        nodes = nodes_of(base, registry)
+    if asked.stage and asked.stage not in [n.name for n in nodes]:
+        what = "expected values take no part of it" if expected else "nothing that is computed depends on it"
+        raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect here: {what}")], pipeline.file)
+    notes: list[str] = []
+    values: Any = asked.values
+    if values is None:
+        found, broken = candidates(next(n for n in nodes if n.name == asked.stage), registry)
+        values, notes = tuple(found), [f"not looked at: {text}" for text in broken]
+        if len(found) == 1:
+            notes.append(f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists them all")
+    elif asked.stage:
+        check_writes(asked, next(n for n in nodes if n.name == asked.stage), registry)
+    branched = with_reference(base, nodes, asked.stage, registry)
+    notes += branched.notes
+    wanted = _wanted(branched)
+    plan, values, refused = _planned(replace(branched.pipeline, wanted=wanted, keep=wanted), asked, values, registry)
+    plan = _keeping_inputs(plan, asked)
+    outcome = execute(plan, None, options, progress(plan) if progress else None)
+    reader = _Reader(plan, outcome, asked)
+    measured = [_row(reader, branched, i, repeat) for i in range(reader.count)]
+    if edges and any(row.status == "done" for row in measured):
+        white = reader.of(("white", writer(nodes, "white")))
+        found_there = edge.measure(branched, plan, asked, values, white, registry, options)
+        for i, row in enumerate(measured):
+            if row.status == "done":
+                row.mtf50, row.mtf50_reference = found_there.mtf50.get(i), found_there.reference.get(i)
+        notes += [found_there.note] if found_there.note else []
+    reference = reader.at(branched.linear.reference, 0)
+    if reference is None:
+        broke = next((r.message.strip().rpartition("\n")[2] for r in outcome.failed), "no reference")
+        raise RequestError(f"the pipeline itself fails, whatever stands at {asked.key}: {broke}", pipeline.file)
+    notes += [*_on_the_reference(reference, branched), *reader.shared_faults()]
+    rows = ranked([*measured, *refused])
+    return Comparison(
+        pipeline.name, asked.key, rows, branched.linear.ours, branched.linear.reference, branched.without,
+        "expected values, without noise and rounding" if expected else "1 frame, the same draws for all where they stand behind the noise",
+        tuple(reference.shape[-2:]), at, notes, *reader.pictures(branched, measured),
+    )  # fmt: skip
+
+
+def ranked(rows: list[Row]) -> list[Row]:
+    """Best first; those without a figure last. Marks the rows that no other is both better and faster than."""
+    ordered = sorted(rows, key=lambda r: (r.psnr is None, -(r.psnr or 0.0), r.seconds or 0.0))
+    fastest = math.inf
+    for row in ordered:
+        time = row.seconds_per_mpixel
+        row.pareto = row.psnr is not None and time is not None and time < fastest
+        fastest = time if row.pareto and time is not None else fastest
+    return ordered
+
+
+def _wanted(branched: Branched) -> tuple[str, ...]:
+    """What is measured, and what the colours are seen by."""
+    places = [*branched.places()]
+    for variable in ("white_xyz", "white"):
+        node = writer(branched.nodes, variable)
+        if node is not None:
+            places.append((node.name, variable))
+    return tuple(dict.fromkeys(f"{stage}.{variable}" for stage, variable in places))
+
+
+def _keeping_inputs(plan: Plan, asked: Asked) -> Plan:
+    """What the compared stage reads stays in memory, so that the stage can be run again."""
+    node = next((n for n in plan.nodes if n.name == asked.stage), None)
+    if node is None or node.is_transfer:
+        return plan
+    return replace(plan, kept=plan.kept | {(source, variable) for bound in node.inputs for _, source, variable in bound})
+
+
+def _planned(pipeline: Pipeline, asked: Asked, values: Any, registry: Registry) -> tuple[Plan, Any, list[Row]]:
+    """The plan of all alternatives that can serve, and rows of those that cannot."""
+
+    def plan_of(chosen: Any) -> Plan:
+        return make_plan(replace(pipeline, sweep={asked.key: chosen}), registry, False)
+
+    try:
+        return plan_of(values), values, []
+    except RequestError as whole:
+        if not isinstance(values, tuple) or _asked_wrongly(whole, asked):
+            raise _as_asked(whole, asked) from None
+        good, refused, last = [], [], whole
+        for value in values:
+            try:
+                plan_of((value,))
+                good.append(value)
+            except RequestError as error:
+                last = error
+                refused.append(_refused(value, asked, registry, "; ".join(dict.fromkeys(f.message for f in error.faults))))
+        if not good:
+            raise _as_asked(last, asked) from None
+        return plan_of(tuple(good)), tuple(good), refused
+
+
+def _asked_wrongly(error: RequestError, asked: Asked) -> bool:
+    """Whether somebody wrote a word that does not exist, or a value that does not fit: not the stage's affair."""
+    return asked.values is not None and any(fault.place.startswith(f"sweep.{asked.key}") for fault in error.faults)
+
+
+def _as_asked(error: RequestError, asked: Asked) -> RequestError:
+    """The same faults, at the place where the axis was written."""
+    key = f"sweep.{asked.key}"
+    own = f"--axis {asked.key}"
+    wrong = [f for f in error.faults if f.place.startswith(key)]
+    faults = [replace(f, place=f.place.replace(key, own, 1), line=None) for f in wrong] or list(error.faults)
+    return RequestError(faults, "" if all(f.place.startswith("--axis") for f in faults) else error.file)
+
+
+def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
+    table = value if isinstance(value, dict) else {"use": value}
+    use = str(table.get("use", "")) if asked.swaps else ""
+    row = Row(use or value, str(table.get("label", use)) if asked.swaps else _text(value), use, status="refused", reason=reason)
+    if use in registry:
+        row.distribution, row.version = registry.installed(use).distribution, registry.installed(use).version
+    return row
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+class _Reader:
+    """Arrays and reports of a run by the position on the axis."""
+
+    def __init__(self, plan: Plan, outcome: Outcome, asked: Asked) -> None:
+        self.plan, self.outcome, self.asked = plan, outcome, asked
+        self.axis = next((a for a in plan.axes if a.key == asked.key), None)
+        if self.axis is None:
+            raise RequestError([Fault(f"--axis {asked.key}", "the picture does not depend on it")])
+        self.count = len(self.axis.values)
+
+    def ref(self, name: str, position: int) -> CellRef:
+        assert self.axis is not None
+        return (name, tuple(position if dim == self.axis.dim else 0 for dim in self.plan.node(name).axes))
+
+    def at(self, place: Place, position: int) -> Any:
+        return self.outcome.arrays.get(self.ref(place[0], position), {}).get(place[1])
+
+    def of(self, found: tuple[str, Any], position: int = 0) -> Any:
+        variable, node = found
+        return self.at((node.name, variable), position) if node is not None and node.name in [n.name for n in self.plan.nodes] else None
+
+    def why(self, position: int) -> str:
+        """What went wrong at a value of the axis: the first stage that failed."""
+        for node in self.plan.nodes:
+            report = self.outcome.reports.get(self.ref(node.name, position))
+            if report is not None and report.status == "failed" and self.axis is not None and self.axis.dim in node.axes:
+                own = "" if node.name == self.asked.stage else f"{node.name}: "
+                return own + report.message.strip().rpartition("\n")[2]
+        return ""
+
+    def shared_faults(self) -> list[str]:
+        """Stages that failed for all alternatives alike."""
+        own = {node.name for node in self.plan.nodes if self.axis is not None and self.axis.dim in node.axes}
+        return [f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}" for r in self.outcome.failed if r.stage not in own]
+
+    def alternative(self, position: int) -> Alternative | None:
+        if not self.asked.stage:
+            return None
+        node = self.plan.node(self.asked.stage)
+        return node.alternatives[position if self.asked.swaps and len(node.alternatives) > 1 else 0]
+
+    def pictures(self, branched: Branched, rows: list[Row]) -> tuple[dict[str, Any], Any]:
+        """What to look at: encoded pictures by label, and the reference's."""
+        pair = branched.display or branched.linear
+        found = {row.label: self.at(pair.ours, i) for i, row in enumerate(rows) if row.status == "done"}
+        return {label: p for label, p in found.items() if p is not None}, self.at(pair.reference, 0)
+
+
+def _row(reader: _Reader, branched: Branched, position: int, repeat: int) -> Row:
+    assert reader.axis is not None
+    value, one = reader.axis.values[position], reader.alternative(position)
+    row = Row(value, _text(value))
+    if one is not None:
+        row.use, row.distribution, row.version = one.use, one.distribution, one.version
+        row.value = one.use if reader.asked.swaps else value
+    picture, reference = reader.at(branched.linear.ours, position), reader.at(branched.linear.reference, position)
+    if picture is None or reference is None:
+        row.status, row.reason = "failed", reader.why(position)
+        return row
+    if picture.shape != reference.shape:
+        row.status, row.reason = "refused", f"it gives {picture.shape}, but the reference has {reference.shape} (channel, y, x)"
+        return row
+    found = linear_figures(picture, reference)
+    for pair in (branched.display, branched.colour):
+        ours, theirs = (reader.at(pair.ours, position), reader.at(pair.reference, position)) if pair else (None, None)
+        if ours is None or theirs is None:
+            row.reason = row.reason or reader.why(position)
+        elif pair is branched.display:
+            found |= display_figures(ours, theirs)
+        else:
+            found |= colour_figures(ours, theirs, _viewing_white(reader, branched, position))
+    for name, number in found.items():
+        setattr(row, name, number)
+    if row.reason:
+        row.status = "failed"
+    if reader.asked.stage:
+        row.seconds = seconds_of(reader, position, repeat)
+        pixels = math.prod(picture.shape[-2:])
+        row.mpixel_per_second = 1e-6 * pixels / row.seconds if row.seconds else None
+        row.seconds_per_mpixel = 1e6 * row.seconds / pixels if row.seconds else None
+    return row
+
+
+def _viewing_white(reader: _Reader, branched: Branched, position: int) -> Any:
+    """White of the eye that looks at the tristimulus values: of the balance's target, else that of the scene."""
+    assert branched.colour is not None
+    name = branched.colour.ours[0]
+    stage = reader.plan.cells[reader.ref(name, position)].stage
+    white = stage.viewing_white() if hasattr(stage, "viewing_white") else None
+    if white is None:
+        white = reader.of(("white_xyz", writer(branched.nodes, "white_xyz")), position)
+    return np.asarray(xyz_from_xy(D65_XY) if white is None else white, dtype=np.float64)
+
+
+def seconds_of(reader: _Reader, position: int, repeat: int) -> float | None:
+    """Thread time of the compared stage alone: the fastest of several runs on what it was given."""
+    ref = reader.ref(reader.asked.stage, position)
+    report, cell = reader.outcome.reports.get(ref), reader.plan.cells[ref]
+    best = report.seconds if report is not None and report.status == "done" else math.inf
+    inputs: dict[CellRef, Result] = {}
+    if not hasattr(cell.stage, "transfer") and not hasattr(cell.stage, "describe"):
+        job = make_jobs(reader.plan, {ref}, lambda cell: None)[ref]
+        for _, source, variable in job.inputs:
+            array = reader.outcome.arrays.get(source, {}).get(variable)
+            if array is None:
+                break
+            inputs.setdefault(source, Result()).arrays[variable] = array
+        else:
+            if all(needed in inputs for needed in job.needs):
+                with threadpool_limits(1):  # the time of one thread
+                    again = [compute(job, inputs)[1] for _ in range(repeat)]
+                best = min([best, *(r.seconds for r in again if r.status == "done")])
+    return best if math.isfinite(best) else None
+
+
+def _on_the_reference(reference: Any, branched: Branched) -> list[str]:
+    """What a reader of the table should know about the picture it was measured on."""
+    notes = []
+    over = float((reference > 1).any(axis=0).mean()) if branched.linear.reference[1] == "rgb_camera" else 0.0
+    if over > 1e-3:
+        notes.append(f"{100 * over:.2g} % of the pixels are beyond clipping, which no alternative restores: lower the exposure to see more")
+    if min(reference.shape[-2:]) <= 4 * BORDER:
+        notes.append(f"the picture is too small to drop a border of {BORDER} pixels")
+    return notes

@@ -1,0 +1,173 @@
+"""MTF50 of alternatives: the same camera in front of a slanted edge, noise-free.
+
+In:  a pipeline with its reference, the axis, the plan of its main run.
+Out: for each value of the axis, and for the reference, the frequency of half contrast across the edge, cycles/pixel.
+
+The scene becomes an axis of two values, an edge and an even field of the same light, so that fall-off divides out. What the
+rendering of the edge takes from the contrast is known exactly, and divided out too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import EtendueError, RequestError
+from etendue.physics.slanted_edge import slanted_edge
+from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.registry import Registry
+from etendue.session import Options, execute
+from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import parameters_of
+from etendue.studies.axis import Asked
+from etendue.studies.branches import CAMERA, Branched, Place, noise_free, writer
+from etendue.studies.figures import BORDER
+
+ANGLE = 5.0  # degrees from the columns
+ROWS, COLUMNS, MARGIN = 120, 96, 12  # pixels; the margin is light around the frame
+DARK, BRIGHT, SATURATED = 0.2, 0.8, 0.7  # contrast 4:1 as in ISO 12233; the bright field is at most so near to clipping
+SAMPLES = 401
+
+
+@dataclass(frozen=True)
+class EdgeFigures:
+    """Frequencies in cycles/pixel; NaN where half contrast is not reached."""
+
+    mtf50: dict[int, float]  # by the position on the axis
+    reference: dict[int, float]
+    note: str = ""
+
+
+def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: Any, registry: Registry, options: Options) -> EdgeFigures:
+    """Run the edge and measure it; what stands in the way is a note, not an exception."""
+    try:
+        return _measured(branched, plan, asked, values, white, registry, options)
+    except (EtendueError, ValueError) as error:
+        text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
+        return EdgeFigures({}, {}, f"no MTF50: {text}")
+
+
+def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: Any, registry: Registry, options: Options) -> EdgeFigures:
+    place, reference = branched.linear.ours, branched.linear.reference
+    if place[1] == "rgb_display":
+        raise ValueError("the stage writes encoded values, on which no transfer function is defined")
+    pipeline, scene, sigma = _edge_pipeline(branched, plan, white)
+    pipeline = replace(pipeline, sweep={**pipeline.sweep, asked.key: values})
+    wanted = tuple(f"{s}.{v}" for s, v in (place, reference))
+    matrix = writer(branched.nodes, "colour_matrix"), writer(branched.nodes, "white")
+    if place[1] == CAMERA and all(matrix):
+        wanted += (f"{matrix[0].name}.colour_matrix", f"{matrix[1].name}.white")  # type: ignore[union-attr]
+    made = make_plan(replace(pipeline, wanted=wanted, keep=wanted), registry, False)
+    outcome = execute(made, None, options)
+    if outcome.failed and not any(place[0] == r.stage for r in outcome.failed):
+        raise ValueError(outcome.failed[0].message.strip().rpartition("\n")[2])
+
+    def at(where: Place, which: int, position: int) -> Any:
+        node = made.node(where[0])
+        by_dim = {scene: which, **{a.dim: position for a in made.axes if a.key == asked.key}}
+        found = outcome.arrays.get((node.name, tuple(by_dim[dim] for dim in node.axes)), {})
+        return found.get(where[1])
+
+    def mtf50(where: Place, position: int) -> float | None:
+        planes = [at(where, which, position) for which in (0, 1)]
+        if any(p is None for p in planes):
+            return None
+        weights = _luminance(where[1], len(planes[0]), *(at((n.name, v), 1, position) if n else None for n, v in _named(matrix)))
+        edge, flat = (np.tensordot(weights, np.asarray(p, np.float64), 1)[BORDER:-BORDER, BORDER:-BORDER] for p in planes)
+        if not np.all(flat > 0):
+            raise ValueError("the even field of the same light is dark")
+        return crossing(edge / flat, _pixels(sigma, made, position))
+
+    axis = next((a for a in made.axes if a.key == asked.key), None)
+    if axis is None:  # nothing of a noise-free camera depends on it
+        both = [dict.fromkeys(range(len(values)), mtf50(where, 0)) for where in (place, reference)]
+    else:
+        both = [{i: mtf50(where, i) for i in range(len(axis.values))} for where in (place, reference)]
+    ours, theirs = ({i: v for i, v in found.items() if v is not None} for found in both)
+    return EdgeFigures(ours, theirs)
+
+
+def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
+    return (matrix[0], "colour_matrix"), (matrix[1], "white")
+
+
+def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
+    """Weights of the channels: Y where it is known, else the middle channel."""
+    if variable == CAMERA and matrix is not None and white is not None:
+        return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)
+    return np.eye(channels)[min(1, channels - 1)]
+
+
+def _pixels(sigma: float, plan: Plan, position: int) -> float:
+    """Softness of the edge in pixels, where the pitch itself may be the axis."""
+    pitch = next((a.values[position] for a in plan.axes if a.key == "pixel_pitch"), None) or plan.camera["pixel_pitch"]
+    return sigma / float(pitch)
+
+
+def crossing(picture: Any, sigma: float) -> float:
+    """Lowest frequency of half contrast of what made a picture of an edge that was drawn with a Gaussian of ``sigma`` pixels.
+
+    NaN where it is not reached below 1 cycle/pixel. Linear between samples 1/400 cycles/pixel apart: 1e-5 relative.
+    """
+    response = slanted_edge(picture, samples=SAMPLES, tails=False)
+    own = np.exp(-2 * (math.pi * sigma * response.frequency) ** 2)
+    sfr = response.sfr / np.maximum(own, 1e-3)
+    below = np.flatnonzero(sfr < 0.5)
+    if below.size == 0:
+        return math.nan
+    high = int(below[0])
+    share = (sfr[high - 1] - 0.5) / (sfr[high - 1] - sfr[high])
+    return float(response.frequency[high - 1] + share * (response.frequency[high] - response.frequency[high - 1]))
+
+
+def _edge_pipeline(branched: Branched, plan: Plan, white: Any) -> tuple[Pipeline, str, float]:
+    """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the edge, um."""
+    sources = [n for n in branched.nodes if n.is_source and "radiance" in n.writes]
+    pixel = next((n for n in branched.nodes if n.ends_in_sum), None)
+    if len(sources) != 1 or pixel is None:
+        raise ValueError("there is no single scene to be replaced by an edge")
+    source = sources[0]
+    light = plan.of(source.name)[0].grids["radiance"]
+    pitches = next(([float(v) for v in a.values] for a in plan.axes if a.key == "pixel_pitch"), [float(plan.camera["pixel_pitch"])])
+    paper = pixel.alternatives[0].values.get("sampling") == "paper"
+    spacing, softness = (min(pitches), 0.5) if paper else (min(pitches) / 4, 1.0)
+    edges = light.bands().edges
+    own = source.alternatives[0].values
+    bright = min(BRIGHT, SATURATED / max(float(np.max(white)), 1e-12)) if white is not None else BRIGHT
+    common = {
+        "white_luminance": own.get("white_luminance") or 1000.0,
+        "height": spacing * round((ROWS + 2 * MARGIN) * max(pitches) / spacing),
+        "width": spacing * round((COLUMNS + 2 * MARGIN) * max(pitches) / spacing),
+        "spacing": spacing,
+        "wavelength_from": edges[0],
+        "wavelength_to": edges[-1],
+        "bin_width": (edges[-1] - edges[0]) / (len(edges) - 1),
+        "centre_y": own.get("centre_y") or 0.0,
+        "centre_x": own.get("centre_x") or 0.0,
+    }
+    scenes = [
+        {
+            "use": "slanted_edge",
+            "label": "edge",
+            "angle": ANGLE,
+            "low": bright * DARK / BRIGHT,
+            "high": bright,
+            "softness": softness,
+            **common,
+        },
+        {"use": "uniform", "label": "field", "reflectance": bright, **common},
+    ]
+    window = {"rows": ROWS, "columns": COLUMNS}
+    if paper or not set(window) <= set(parameters_of(pixel.kind)):
+        window = {}
+    dropped = ("sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns")
+    pipeline = noise_free(branched.pipeline, branched.nodes)
+    stages = tuple(
+        replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window}) if e.name == pixel.name and window else e
+        for e in pipeline.stages
+    )
+    return replace(pipeline, stages=stages, sweep={f"{source.name}.use": scenes}), source.name, softness * spacing

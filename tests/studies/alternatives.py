@@ -1,0 +1,77 @@
+"""Demosaicers of a third party, good and bad, as entry points of a registry of their own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from etendue.api import RGB, Stage, hookimpl, param, quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grey(Stage):
+    """The same value in all channels."""
+
+    reads = {"mosaic_linear": "y x [1]"}
+    writes = {"rgb_camera": "channel y x [1]"}
+    creates = {"channel": RGB}
+    negative = "keep"
+
+    offset: float = param(0.0)
+
+    def run(self, mosaic_linear):
+        return {"rgb_camera": np.stack([mosaic_linear + self.offset] * 3)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BreaksOff(Grey):
+    """Breaks off."""
+
+    def run(self, mosaic_linear):
+        raise RuntimeError("this picture has too many pixels")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WritesNaN(Grey):
+    """Writes what is no number."""
+
+    def run(self, mosaic_linear):
+        return {"rgb_camera": np.full((3, *mosaic_linear.shape), np.nan)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForXTrans(Grey):
+    """Knows one pattern only."""
+
+    pattern: str = quantity("pattern")
+
+    def __post_init__(self):
+        if self.pattern != "X-Trans":
+            raise ValueError(f"knows X-Trans only, and the pattern is {self.pattern!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeedsANumber(Grey):
+    """Has a parameter without a default."""
+
+    slope: float = param(doc="how steep")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadsMore(Grey):
+    """Reads what the other demosaicers do not."""
+
+    reads = {"mosaic_linear": "y x [1]", "white": "channel [1]"}
+
+    def run(self, mosaic_linear, white):
+        return {"rgb_camera": mosaic_linear * np.ones_like(white)[:, None, None]}
+
+
+STAGES = {
+    "grey": Grey, "breaks_off": BreaksOff, "writes_nan": WritesNaN, "for_xtrans": ForXTrans, "needs_a_number": NeedsANumber,
+    "reads_more": ReadsMore,
+}  # fmt: skip
+
+
+@hookimpl
+def etendue_stages():
+    return STAGES

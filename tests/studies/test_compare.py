@@ -1,0 +1,412 @@
+"""Alternatives compared: what is measured is true of the pictures, and one bad alternative does not spoil the others."""
+
+import csv
+import json
+import math
+from importlib.metadata import EntryPoint
+from io import BytesIO
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+
+from etendue import hookspecs
+from etendue.cli import _number, main
+from etendue.registry import Registry, installed_stages
+from etendue.report.crops import Strip, strip, where_most
+from etendue.report.work_precision import Point, work_precision
+from etendue.session import Options
+from etendue.spec.pipeline import parse_pipeline
+from etendue.studies.axis import Asked, parse_axis
+from etendue.studies.compare import Row, compare, ranked
+from etendue.studies.ranking import document
+
+SMALL = """
+name = "small"
+precision = "float64"
+[camera]
+peak_qe = [0.36, 0.44, 0.40]
+f_number = 4
+pixel_pitch = "4 um"
+integration_time = "4 ms"
+full_well_density = "2000 electron um-2"
+{camera}
+[[stages]]
+use = "{scene}"
+name = "scene"
+white_luminance = "1000 cd m-2"
+width = "224 um"
+height = "224 um"
+spacing = "1 um"
+wavelength_from = "400 nm"
+wavelength_to = "700 nm"
+bin_width = "60 nm"
+[[stages]]
+use = "irradiance"
+[[stages]]
+use = "lens_gaussian"
+name = "lens"
+sigma = "1.2 um"
+[[stages]]
+use = "pixel"
+rows = 52
+columns = 48
+[[stages]]
+use = "mosaic"
+{wandering}
+[[stages]]
+use = "exposure"
+[[stages]]
+use = "shot_noise"
+[[stages]]
+use = "full_well"
+[[stages]]
+use = "read_noise"
+[[stages]]
+use = "adc"
+[[stages]]
+use = "linearise"
+[[stages]]
+use = "white"
+{before}
+[[stages]]
+use = "demosaic_bilinear"
+name = "demosaic"
+[[stages]]
+use = "sharpen"
+strength = 0.05
+[[stages]]
+use = "colour_fit"
+[[stages]]
+use = "camera_to_xyz"
+[[stages]]
+use = "balance"
+[[stages]]
+use = "display"
+[[stages]]
+use = "encode"
+{after}
+"""
+SERIAL = Options("serial")
+
+
+def written(text=SMALL, scene="composite", camera="", wandering="", before="", after=""):
+    return text.format(scene=scene, camera=camera, wandering=wandering, before=before, after=after)
+
+
+def pipeline(*replaced, **changes):
+    """The small pipeline with words of it replaced, pair by pair."""
+    text = SMALL
+    for old, new in replaced:
+        assert old in text
+        text = text.replace(old, new)
+    return parse_pipeline(written(text, **changes))
+
+
+def rows_of(axis, found=None, expected=False, edges=False, **changes):
+    result = compare(found or pipeline(**changes), parse_axis(axis, _number), 1, expected, SERIAL, edges=edges)
+    return {row.label: row for row in result.rows}, result
+
+
+@pytest.fixture
+def registry(monkeypatch):
+    """The installed stages, and a third party's."""
+    from tests.studies import alternatives
+
+    known = installed_stages()
+    points = dict(known._points)
+    for name in alternatives.STAGES:
+        points[name] = [EntryPoint(name, "tests.studies.alternatives", hookspecs.GROUP)]
+    points["cannot_load"] = [EntryPoint("cannot_load", "tests.studies.no_such_module", hookspecs.GROUP)]
+    mine = Registry(points)
+    monkeypatch.setattr("etendue.studies.compare.installed_stages", lambda: mine)
+    return mine
+
+
+# -- what is measured -------------------------------------------------------------------------------------------
+
+
+def test_the_reference_compared_with_itself_is_perfect():
+    rows, _ = rows_of('demosaic.use=demosaic_bilinear,{ use = "full_planes", label = "itself" }', edges=True)
+    itself = rows["itself"]
+    assert (itself.psnr, itself.rmse, itself.psnr_encoded) == (math.inf, 0.0, math.inf)
+    assert (itself.delta_e, itself.zipper, itself.false_colour) == (0.0, 0.0, 0.0)
+    assert itself.ssim == pytest.approx(1.0, abs=1e-12)  # sums under a window
+    assert itself.mtf50 == itself.mtf50_reference
+    assert rows["demosaic_bilinear"].psnr < 60
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"camera": 'crosstalk = "through_filter"', "wandering": '[[stages]]\nuse = "crosstalk"'},
+        {"before": '[[stages]]\nuse = "balance_mosaic"\nhighlights = "keep"'},
+        {"before": '[[stages]]\nuse = "lens_shading"\nstrength = 1.0\nfull_field = "40 deg"\ngeometry = "paper"'},
+    ],
+)
+def test_of_a_uniform_scene_without_noise_every_interpolation_is_the_reference(changes):
+    rows, result = rows_of("demosaic.use=demosaic_bilinear,demosaic_nearest", scene="uniform", expected=True, **changes)
+    floor = 200 if "lens_shading" not in changes.get("before", "") else 45  # rounding; gains that change from pixel to pixel
+    assert min(row.psnr for row in rows.values()) > floor
+    assert not any("does without" in note for note in result.notes)
+
+
+def test_what_has_no_counterpart_for_planes_is_named():
+    _, result = rows_of("demosaic.use=demosaic_bilinear", before='[[stages]]\nuse = "correct_found_defects"')
+    assert any("does without correct_found_defects" in note for note in result.notes)
+
+
+def test_alternatives_are_given_the_same_mosaic_and_a_row_does_not_depend_on_its_company():
+    together, _ = rows_of("demosaic.use=demosaic_nearest,demosaic_bilinear,demosaic_any")
+    alone, _ = rows_of("demosaic.use=demosaic_any")
+    figures = ("psnr", "psnr_encoded", "ssim", "delta_e", "zipper", "false_colour", "mtf50")
+    assert [getattr(alone["demosaic_any"], f) for f in figures] == [getattr(together["demosaic_any"], f) for f in figures]
+    for name in figures[:4]:  # on Bayer, demosaic_any is the bilinear one up to rounding
+        assert getattr(together["demosaic_any"], name) == pytest.approx(getattr(together["demosaic_bilinear"], name), rel=1e-9)
+
+
+def test_noise_costs_quality_and_expected_values_have_none():
+    noisy, _ = rows_of("demosaic.use=demosaic_bilinear", edges=True)
+    quiet, result = rows_of("demosaic.use=demosaic_bilinear", expected=True, edges=True)
+    assert quiet["demosaic_bilinear"].psnr > noisy["demosaic_bilinear"].psnr
+    assert quiet["demosaic_bilinear"].mtf50 == noisy["demosaic_bilinear"].mtf50  # which is noise-free either way
+    assert "expected values" in result.noise
+
+
+def test_mtf50_of_the_reference_is_that_of_lens_and_pixel():
+    rows, _ = rows_of("demosaic.use=demosaic_bilinear", edges=True)
+    sigma, width, tilt = 1.2 / 4, 0.741, math.radians(5)
+
+    def half(f):
+        square = np.sinc(width * f * math.cos(tilt)) * np.sinc(width * f * math.sin(tilt))
+        return math.exp(-2 * (math.pi * sigma * f) ** 2) * square - 0.5
+
+    # the frame is 100 x 76 pixels after its border: a few parts in a thousand
+    assert rows["demosaic_bilinear"].mtf50_reference == pytest.approx(brentq(half, 0.1, 0.9), rel=0.004)
+
+
+def test_a_sharpening_is_held_against_the_picture_that_did_not_need_it():
+    ideal = pipeline(('use = "demosaic_bilinear"', 'use = "full_planes"'))
+    rows, result = rows_of("sharpen.strength=0,0.3", ideal, edges=True)
+    assert result.without == "sharpen"
+    assert rows["0"].psnr == math.inf
+    assert rows["0.3"].psnr < 60
+    assert rows["0.3"].mtf50 > rows["0"].mtf50
+
+
+def test_a_camera_quantity_as_axis_reaches_the_reference_too():
+    rows, result = rows_of("pixel_pitch=3,4", edges=True)
+    per_um = [rows[pitch].mtf50_reference / float(pitch) for pitch in ("3", "4")]
+    assert per_um[0] > per_um[1]  # smaller pixels resolve more of the same light
+    assert rows["3"].mtf50_reference < rows["4"].mtf50_reference  # but of their own grid less
+    assert rows["3"].seconds is None
+    assert result.without == ""
+
+
+def test_the_first_values_of_the_files_own_sweep_are_taken_and_named():
+    swept = pipeline(after='[sweep]\nf_number = [8, 4]\n"sharpen.strength" = { from = 0.05, to = 1, steps = 3 }')
+    rows, result = rows_of("demosaic.use=demosaic_bilinear", swept)
+    plain, _ = rows_of("demosaic.use=demosaic_bilinear", pipeline(("f_number = 4", "f_number = 8")))
+    assert {k: float(v) for k, v in result.at.items()} == {"f_number": 8.0, "sharpen.strength": 0.05}
+    assert rows["demosaic_bilinear"].psnr == plain["demosaic_bilinear"].psnr
+
+
+def test_a_time_that_is_metered_serves_the_reference_too():
+    found = pipeline(
+        ('use = "exposure"', 'use = "exposure_metered"'), ('use = "white"', 'use = "white_metered"'),
+        ('integration_time = "4 ms"\n', ""), scene="uniform",
+    )  # fmt: skip
+    rows, _ = rows_of("demosaic.use=demosaic_bilinear", found, expected=True)
+    assert rows["demosaic_bilinear"].psnr > 200
+
+
+def test_what_is_beyond_clipping_is_said():
+    _, result = rows_of("demosaic.use=demosaic_bilinear", camera="iso = 0\nanalogue_gain = 8")
+    assert any("beyond clipping" in note for note in result.notes)
+
+
+# -- alternatives -----------------------------------------------------------------------------------------------
+
+
+def test_every_installed_stage_that_fits_is_taken_plugins_included(registry):
+    rows, result = rows_of("demosaic.use")
+    assert {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_any", "grey"} <= set(rows)
+    assert not {"reads_more", "full_planes", "sharpen"} & set(rows)
+    assert any("not looked at" in note and "cannot_load" in note for note in result.notes)
+
+
+def test_what_breaks_off_or_refuses_is_a_row_with_the_reason_and_the_others_are_measured(registry):
+    rows, result = rows_of("demosaic.use")
+    assert {name: rows[name].status for name in ("breaks_off", "writes_nan", "for_xtrans", "needs_a_number", "grey")} == {
+        "breaks_off": "failed", "writes_nan": "failed", "for_xtrans": "refused", "needs_a_number": "refused", "grey": "done",
+    }  # fmt: skip
+    for name, words in (
+        ("breaks_off", "too many pixels"),
+        ("writes_nan", "NaN"),
+        ("for_xtrans", "X-Trans only"),
+        ("needs_a_number", "how steep"),
+    ):
+        assert words in rows[name].reason
+        assert rows[name].psnr is None
+    assert result.failed
+    assert [row.psnr is None for row in result.rows] == sorted(row.psnr is None for row in result.rows)
+    assert rows["demosaic_bilinear"].psnr > rows["grey"].psnr
+
+
+def test_a_table_gives_an_alternative_its_parameters(registry):
+    rows, _ = rows_of('demosaic.use=grey,{ use = "grey", offset = 0.5, label = "lifted" }, { use = "reads_more" }', expected=True)
+    assert rows["lifted"].psnr < rows["grey"].psnr - 3
+    assert rows["reads_more"].psnr == rows["grey"].psnr
+
+
+def test_what_fails_for_all_alike_is_said_once():
+    blind = pipeline(("[0.36, 0.44, 0.40]", "[0.36, 0.44, 0.0]"))
+    rows, result = rows_of("demosaic.use=demosaic_bilinear,demosaic_nearest", blind)
+    assert rows["demosaic_bilinear"].psnr > rows["demosaic_nearest"].psnr
+    assert rows["demosaic_bilinear"].delta_e is None
+    assert len([note for note in result.notes if "failed" in note and "dead channel" in note]) == 1
+
+
+# -- ranking ----------------------------------------------------------------------------------------------------
+
+
+def test_the_front_holds_what_nothing_beats_in_both():
+    rng = np.random.default_rng(5)
+    rows = [Row(i, str(i), psnr=float(p), seconds_per_mpixel=float(t)) for i, (p, t) in enumerate(rng.uniform(1, 2, (40, 2)))]
+    for row in ranked([*rows, Row("x", "x", status="failed")]):
+        better = [r for r in rows if row.psnr is not None and r.psnr > row.psnr and r.seconds_per_mpixel <= row.seconds_per_mpixel]
+        assert row.pareto == (row.psnr is not None and not better)
+    assert ranked(rows)[0].psnr == max(r.psnr for r in rows)
+
+
+# -- files and pictures -----------------------------------------------------------------------------------------
+
+
+def picture_of(data):
+    from PIL import Image
+
+    return Image.open(BytesIO(data))
+
+
+def test_the_crop_is_where_pictures_differ():
+    pictures = [np.zeros((3, 90, 120)) for _ in range(3)]
+    pictures[1][:, 50:55, 70:75] = 1.0
+    row, column = where_most(pictures, 20)
+    assert row <= 50
+    assert row + 20 >= 55
+    assert column <= 70
+    assert column + 20 >= 75
+    assert picture_of(strip([Strip(str(i), p) for i, p in enumerate(pictures)], True, "t")).size[0] > 3 * 200
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 5), (1, 60, 60), (4, 70, 20)])
+def test_pictures_of_any_size_and_number_of_channels_are_cut(shape):
+    found = [np.random.default_rng(i).uniform(0, 1, shape) for i in range(2)]
+    assert picture_of(strip([Strip("a", found[0]), Strip("b", found[1])], False, "t")).format == "PNG"
+
+
+def test_the_plot_takes_one_point_or_many_at_the_same_place():
+    assert picture_of(work_precision([Point("one", 0.01, 0.1, True)], "t", "e")).format == "PNG"
+    assert picture_of(work_precision([Point(f"a long name {i}", 0.01, 0.1, i == 0) for i in range(12)], "t", "e")).format == "PNG"
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(written())
+    quick = ["--scheduler", "serial", "--repeat", "1", "--no-mtf50"]
+    return lambda *words: CliRunner().invoke(main, ["compare", "small.toml", *words, *quick])
+
+
+def test_the_command_prints_a_table_and_writes_its_files(run, tmp_path):
+    done = run("--axis", "demosaic.use=demosaic_nearest,demosaic_bilinear")
+    assert done.exit_code == 0, done.output
+    for text in ("demosaic_bilinear", "etendue ", "dE00", "reference", "1 frame", "Mpixel/s"):
+        assert text in done.output
+    folder = tmp_path / "small-compare"
+    assert {p.name for p in folder.iterdir()} == {"compare.csv", "compare.json", "error_against_time.png", "crops.png"}
+    with (folder / "compare.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["demosaic.use"] for row in rows] == ["demosaic_bilinear", "demosaic_nearest"]
+    assert float(rows[0]["psnr"]) > float(rows[1]["psnr"])
+    kept = json.loads((folder / "compare.json").read_text(), parse_constant=pytest.fail)
+    assert kept["rows"][0]["psnr"] == float(rows[0]["psnr"])
+
+
+def test_its_json_keeps_its_fields_and_has_no_nan(run, registry):
+    done = run("--axis", "demosaic.use=demosaic_bilinear,breaks_off", "--json", "-o", "out")
+    assert done.exit_code == 3
+    found = json.loads(done.stdout, parse_constant=pytest.fail)
+    for row in found["rows"]:
+        assert {"demosaic.use", "label", "psnr", "delta_e", "mtf50", "seconds", "distribution", "version"} <= set(row)
+    assert [row["psnr"] is None for row in found["rows"]] == [False, True]
+    assert found["rows"][1]["reason"].endswith("too many pixels")
+    assert found["files"] == [f"out/{name}" for name in ("compare.csv", "compare.json", "error_against_time.png", "crops.png")]
+
+
+def test_pictures_of_an_earlier_comparison_do_not_stay_beside_another(run, tmp_path):
+    run("--axis", "demosaic.use=demosaic_bilinear,demosaic_nearest")
+    run("--axis", "pixel_pitch=3,4")  # a quantity has no time of its own: no plot
+    assert not (tmp_path / "small-compare" / "error_against_time.png").exists()
+
+
+WRONG = {
+    "demosaik.use": "did you mean 'demosaic'",
+    "demosaic": "demosaic.use",
+    "demosaic_bilinear.use": "is named 'demosaic' here",
+    "demosaic.use=demosaic_bilinaer": "did you mean 'demosaic_bilinear'",
+    'demosaic.use={use="demosaic_bilinear", strenght=3}': "no parameter 'strenght'",
+    "demosaic.use={use=demosaic_bilinear}": "is no TOML",
+    "demosaic.use=falloff,demosaic_bilinear": "alternatives write the same",
+    "demosaic.use=": "expected NAME",
+    "sharpen.strength": "needs values",
+    "sharpen.strenght=1": "did you mean 'strength'",
+    "sharpen.strength=-1,2": "out of range",
+    "sharpen.strength=1,1": "stands twice",
+    "f_nummer=2": "did you mean 'f_number'",
+    "f_number": "needs values",
+    "colour_fit.use=white": "alternatives write the same",
+}
+
+
+@pytest.mark.parametrize("axis", WRONG)
+def test_a_wrong_request_names_what_is_meant(run, axis):
+    done = run("--axis", axis)
+    assert done.exit_code == 2, done.output
+    assert WRONG[axis] in done.output
+    assert "Traceback" not in done.output
+    assert len(done.output.splitlines()) <= 2
+
+
+def test_a_pipeline_without_pixels_is_refused_with_what_is_lacking(run, tmp_path):
+    text = written().partition('[[stages]]\nuse = "mosaic"')[0]
+    (tmp_path / "small.toml").write_text(text)
+    done = run("--axis", "lens.use")
+    assert done.exit_code == 2
+    assert "rgb_camera" in done.output
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("a.use", None),
+        ("a.use=b", ("b",)),
+        ("a.use=b, c", ("b", "c")),
+        ('a.use={ use = "b", x = [1, 2] },c', ({"use": "b", "x": [1, 2]}, "c")),
+        ('a.use=["b", "c"]', ("b", "c")),
+        ("f={ from = 1, to = 4, steps = 3 }", {"from": 1, "to": 4, "steps": 3}),
+        ("f=1,2", (1, 2)),
+    ],
+)
+def test_an_axis_is_read_as_it_would_stand_in_a_file(text, values):
+    assert parse_axis(text, _number) == Asked(text.partition("=")[0], values)
+
+
+def test_document_says_inf_where_there_is_no_end():
+    _, result = rows_of('demosaic.use={ use = "full_planes", label = "itself" }')
+    text = json.dumps(document(result), allow_nan=False)
+    assert json.loads(text)["rows"][0]["psnr"] == "inf"
+    assert_allclose(json.loads(text)["rows"][0]["rmse"], 0.0)

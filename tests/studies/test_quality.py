@@ -1,0 +1,276 @@
+"""A camera against the ideal camera of the same scene: ``etendue quality``."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+
+from etendue.cli import main
+from etendue.errors import RequestError
+from etendue.physics import colour
+from etendue.registry import installed_stages
+from etendue.spec.pipeline import parse_pipeline
+from etendue.studies.ideal import ideal_of
+from etendue.studies.quality import quality
+from etendue.studies.quality_figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
+
+HEAD = """
+name = "tiny"
+seed = 3
+[camera]
+f_number = 4
+focal_length = "6.93 mm"
+pixel_pitch = "5 um"
+integration_time = "8 ms"
+full_well_density = "2000 electron um-2"
+peak_qe = [0.36, 0.44, 0.40]
+[[stages]]
+use = "SCENE"
+name = "scene"
+white_luminance = "1000 cd m-2"
+width = "240 um"
+height = "240 um"
+spacing = "2.5 um"
+wavelength_from = "400 nm"
+wavelength_to = "700 nm"
+bin_width = "100 nm"
+"""
+PLAIN = ["irradiance", "falloff", "lens_gaussian lens", "diffusion", "pixel", "mosaic", "exposure", "shot_noise", "full_well", "read_noise",
+         "adc", "linearise", "demosaic_bilinear demosaic", "sharpen", "white", "colour_fit", "camera_to_xyz", "balance", "display",
+         "encode"]  # fmt: skip
+EXTRA = {"pixel": "rows = 40\ncolumns = 40\n", "lens_gaussian lens": 'sigma = "3 um"\n'}
+
+
+def text(stages=PLAIN, scene="composite", **extra):
+    given = EXTRA | extra
+    tables = []
+    for stage in stages:
+        use, _, name = stage.partition(" ")
+        tables.append(f'[[stages]]\nuse = "{use}"\n' + (f'name = "{name}"\n' if name else "") + given.get(stage, ""))
+    return HEAD.replace("SCENE", scene) + "".join(tables)
+
+
+def read(stages=PLAIN, scene="composite", overrides=None, **extra):
+    return parse_pipeline(text(stages, scene, **extra), overrides=overrides)
+
+
+def swapped(*pairs, without=()):
+    return [dict(pairs).get(stage, stage) for stage in PLAIN if stage not in without]
+
+
+def measured(*args, **kwargs):
+    return quality(read(*args, **kwargs), installed_stages())
+
+
+PERFECT = swapped(("demosaic_bilinear demosaic", "full_planes demosaic"), without=("sharpen",))
+
+
+def test_the_ideal_camera_is_its_own_ideal():
+    stages = [stage for stage in PERFECT if stage != "lens_gaussian lens"]
+    (row,) = measured(stages).rows
+    assert row["psnr_linear"] == row["psnr_encoded"] == np.inf
+    assert_allclose(row["ssim"], 1, rtol=1e-14)
+    assert [row[name] for name in ("de_mean", "de_p95", "scielab_mean", "false_colour")] == [0, 0, 0, 0]
+
+
+def test_a_wider_blur_is_farther_from_ideal_by_every_figure():
+    rows = measured(PERFECT, overrides={"sweep.lens.sigma": ["0.5 um", "2 um", "5 um"]}).rows
+    assert [row["lens.sigma"] for row in rows] == [0.5, 2, 5]
+    for name, sign in (("psnr_linear", -1), ("psnr_encoded", -1), ("ssim", -1), ("de_mean", 1), ("de_p95", 1), ("scielab_mean", 1)):
+        assert np.all(sign * np.diff([row[name] for row in rows]) > 0), name
+
+
+def test_more_light_brings_a_noisy_camera_nearer_to_ideal():
+    # a uniform scene: no blur, no mosaic, nothing but noise lies between the two
+    grey = {"scene.reflectance": 0.4, "sweep.integration_time": ["0.5 ms", "2 ms", "8 ms"]}
+    rows = measured(scene="uniform", overrides=grey).rows
+    assert np.all(np.diff([row["visible_noise"] for row in rows]) < 0)
+    assert rows[0]["flat"]["size"] == 32
+    # between shot noise (twice for four times the light) and read noise (four times); +-10 % from 1024 correlated pixels
+    steps = [after["snr_flat"] / before["snr_flat"] for before, after in itertools.pairwise(rows)]
+    assert all(1.8 < step < 4.4 for step in steps)
+
+
+def test_a_camera_of_a_uniform_scene_is_right_on_average():
+    # PSNR is noise alone: as large as the variance around the mean says, to the error of that mean
+    (row,) = measured(scene="uniform").rows
+    assert 25 < row["psnr_linear"] < 60
+    assert row["scielab_mean"] < 0.7 * row["de_mean"]  # the eye averages over pixels
+
+
+def test_axes_that_end_at_the_mosaic_share_one_ideal_camera():
+    found = measured(
+        overrides={
+            "sweep.demosaic.use": ["demosaic_bilinear", "demosaic_nearest"],
+            "sweep.f_number": [2, 4],
+            "sweep.sharpen.strength": [0, 0.2],
+        }
+    )
+    assert len(found.rows) == 8
+    assert {(row["demosaic.use"], row["f_number"]) for row in found.rows} == {
+        (d, f) for d in ("demosaic_bilinear", "demosaic_nearest") for f in (2, 4)
+    }
+    assert list(found.ideal.pipeline.sweep) == ["f_number"]
+    best = {
+        use: max(row["psnr_linear"] for row in found.rows if row["demosaic.use"] == use)
+        for use in ("demosaic_bilinear", "demosaic_nearest")
+    }
+    assert best["demosaic_bilinear"] > best["demosaic_nearest"]
+
+
+# -- what is ideal ------------------------------------------------------------------------------------------------
+
+
+def ideal(stages=PLAIN, **options):
+    return ideal_of(read(stages), installed_stages(), **options)
+
+
+def test_lens_and_sharpening_go_while_light_and_sensor_stay():
+    stages = ["irradiance", "falloff", "vignetting", "distortion", "glare", "birefringent", "lens_psf_field", *PLAIN[2:]]
+    found = ideal(stages)
+    assert set(found.left_out) == {"distortion", "glare", "birefringent", "lens_psf_field", "lens", "sharpen"}
+    assert found.replaced == {"demosaic": "full_planes"}
+    assert [entry.name for entry in found.pipeline.stages][:6] == ["scene", "irradiance", "falloff", "vignetting", "diffusion", "pixel"]
+    assert any("distortion moves the picture" in note for note in found.notes)
+
+
+def test_what_belongs_to_the_lens_can_be_said():
+    assert "diffusion" in ideal(without=["diffusion"]).left_out
+    assert "lens" not in ideal(keep=["lens"]).left_out
+    with pytest.raises(RequestError, match="--keep lense: there is no stage of this name; did you mean 'lens'"):
+        ideal(keep=["lense"])
+
+
+def test_the_ideal_camera_knows_its_white_and_has_no_shading_to_correct():
+    stages = ["irradiance", "falloff", "lens_gaussian lens", "diffusion", "pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise",
+              "lens_shading", "white", "white_estimate", "balance_mosaic", "demosaic_bilinear demosaic"]  # fmt: skip
+    found = ideal(stages)
+    assert {"falloff", "white_estimate", "balance_mosaic"} <= set(found.left_out)
+    assert "white" not in found.left_out
+    assert any("corrects shading" in note for note in found.notes)
+
+
+def test_metering_and_crosstalk_have_their_own_full_planes():
+    stages = ["irradiance", "pixel", "mosaic", "crosstalk", "exposure_metered", "shot_noise", "adc", "linearise", "demosaic_bilinear d"]
+    found = ideal(stages)
+    assert found.replaced == {"d": "full_planes_metered", "crosstalk": "crosstalk_planes"}
+
+
+def test_a_stage_that_reads_from_the_lens_then_reads_what_the_lens_read():
+    pipeline = read(**{"diffusion": 'from = { irradiance = "lens" }\n', "lens_gaussian lens": 'from = { irradiance = "falloff" }\n'})
+    by_name = {entry.name: entry for entry in ideal_of(pipeline, installed_stages()).pipeline.stages}
+    assert by_name["diffusion"].origin == {"irradiance": "falloff"}
+
+
+def test_a_balance_on_the_mosaic_does_not_change_how_near_the_camera_is():
+    # one bilinear demosaicer on a uniform scene commutes with gains by channel; the noise of the codes stays the same
+    balanced = PLAIN[:12] + ["white", "balance_mosaic"] + [stage for stage in PLAIN[12:] if stage != "white"]
+    one, other = (measured(stages, scene="uniform").rows[0] for stages in (PLAIN, balanced))
+    assert_allclose(other["psnr_linear"], one["psnr_linear"], atol=0.01)  # float32 gains; nothing clips
+    assert_allclose(other["de_mean"], one["de_mean"], rtol=1e-3)
+
+
+def test_pipelines_without_a_picture_are_refused():
+    with pytest.raises(RequestError, match="no demosaicer"):
+        ideal(PLAIN[:12])
+    with pytest.raises(RequestError, match="no stage that writes photon_rate"):
+        ideal(["irradiance"])
+
+
+# -- figures ------------------------------------------------------------------------------------------------------
+
+
+def shot(rgb, white=None):
+    return Shot(rgb, white, rgb, rgb, colour.RGB_TO_XYZ_SRGB)
+
+
+def test_a_flat_region_is_the_largest_and_of_these_the_one_nearest_grey():
+    rng = np.random.default_rng(0)
+    xyz = rng.uniform(0.1, 0.9, (3, 90, 90))
+    xyz[:, 5:43, 5:43] = 0.7
+    xyz[:, 45:83, 45:83] = 0.2
+    assert flat_region(xyz) == (48, 48, 32)
+    xyz[:, 45:83, 45:83] = 0.001  # too dark to be a patch
+    assert flat_region(xyz) == (8, 8, 32)
+    assert flat_region(rng.uniform(0.1, 0.9, (3, 90, 90))) is None
+    assert flat_region(np.full((3, FLAT_SIZES[-1], FLAT_SIZES[-1]), 0.2)) is None  # no room for the margin
+
+
+def test_slow_shading_is_taken_out_of_a_patch_and_its_mean_stays():
+    y, x = np.mgrid[:12, :9]
+    ramp = np.stack([2 + 0.1 * y, 1 - 0.2 * x, 0.3 * y + 0.4 * x])
+    assert_allclose(without_slope(ramp), np.broadcast_to(ramp.mean(axis=(1, 2), keepdims=True), ramp.shape), rtol=1e-13)
+
+
+def test_camera_primaries_are_compared_at_the_white_of_the_ideal_camera():
+    rgb = np.random.default_rng(0).uniform(0.1, 0.9, (3, 20, 20))
+    gains = np.array([2.0, 1.0, 0.5])
+    found, _, _ = figures(shot(rgb * gains[:, None, None], gains), shot(rgb, np.ones(3)), 30)
+    assert found["psnr_linear"] > 300  # a rounding, if any
+
+
+def test_small_pictures_and_those_without_a_display_have_unknown_figures():
+    rgb = np.random.default_rng(0).uniform(0.1, 0.9, (3, 8, 8))
+    found, shown, flat = figures(shot(rgb), shot(rgb), 30)
+    assert np.isnan(found["ssim"]) and found["de_mean"] == 0 and flat is None
+    found, shown, flat = figures(Shot(rgb), Shot(rgb), 30)
+    assert found["psnr_linear"] == np.inf and np.isnan(found["de_mean"]) and shown is None
+    with pytest.raises(ValueError, match="do not overlay"):
+        figures(Shot(rgb), Shot(rgb[:, :4]), 30)
+
+
+# -- the command --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tiny.toml").write_text(text())
+    return lambda *words: CliRunner().invoke(main, ["quality", "tiny.toml", *words])
+
+
+def test_the_command_prints_a_table_and_writes_files(run, tmp_path):
+    from PIL import Image
+
+    result = run("--sweep", "f_number=2,8", "-o", "out", "--pictures", "1")
+    assert result.exit_code == 0, result.output
+    assert "full_planes in place of demosaic" in result.output and "PSNR" in result.output
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["quality.csv", "quality.json", "quality_000.png"]
+    lines = (tmp_path / "out/quality.csv").read_text().splitlines()
+    assert len(lines) == 3 and lines[0].startswith("f_number [1],psnr_linear [dB],")
+    assert Image.open(tmp_path / "out/quality_000.png").size[0] > 3 * 480  # three panels of 12 screen pixels a pixel
+
+
+def test_its_json_has_no_nan(run):
+    result = run("--json")
+    document = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert document["ideal"] == {"left_out": ["lens", "sharpen"], "replaced": {"demosaic": "full_planes"}}
+    (row,) = document["rows"]
+    assert row["mean_snr"] is None and row["psnr_linear"] > 0
+    assert set(document["figures"]) <= set(row)
+    assert any("exposure_report" in note for note in document["notes"])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--set", "camera.f_numbr=2"), "did you mean 'f_number'"),
+        (("--without", "lans"), "did you mean 'lens'"),
+        (("--samples-per-degree", "0"), "expected a number above 0"),
+    ],
+)
+def test_wrong_requests_are_named(run, words, message):
+    result = run(*words)
+    assert result.exit_code == 2
+    assert message in result.output
+
+
+def test_a_cell_that_breaks_is_a_row_with_its_reason(run):
+    result = run("--set", "camera.peak_qe=[0.36, 0.44, 0.0]", "--json")  # blue is dead: no white
+    assert result.exit_code == 3
+    (row,) = json.loads(result.stdout, parse_constant=pytest.fail)["rows"]
+    assert row["status"] == "failed" and "dead channel" in row["reason"] and row["psnr_linear"] is None
+    assert "dead channel" in run("--set", "camera.peak_qe=[0.36, 0.44, 0.0]").output
