@@ -1,5 +1,7 @@
 """Matrices against 60-digit arithmetic; whites that stay white; fits that find what is there."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -176,8 +178,8 @@ def test_a_ridge_trades_residual_for_a_smaller_matrix_and_keeps_the_white():
     white, target = np.ones(3), np.array([0.95, 1.0, 1.09])
     fits = [colour.fit_matrix(samples, targets, white, target, ridge=r) for r in (0, 1e-4, 1e-2, 1)]
     sizes, residuals = [np.linalg.norm(f.matrix) for f in fits], [f.residual for f in fits]
-    assert all(a > b for a, b in zip(sizes, sizes[1:], strict=False))
-    assert all(a < b for a, b in zip(residuals, residuals[1:], strict=False))
+    assert all(a > b for a, b in itertools.pairwise(sizes))
+    assert all(a < b for a, b in itertools.pairwise(residuals))
     for fit in fits:
         assert_allclose(fit.matrix @ white, target, rtol=1e-12)
     with pytest.raises(ValueError, match="ridge is -1"):

@@ -21,6 +21,7 @@ from etendue.export.masks import mask_of, note
 from etendue.stages.gain_chain import GainChain
 
 MANY = 64
+BALANCED = "balance_mosaic"  # the stage behind which white is equal in all channels: no white of the raw numbers
 SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff")}
 
 
@@ -169,7 +170,7 @@ def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
         faults.append(Fault("--dng", f"{why}; write the digital numbers with --tiff"))
     elif mask is not None:
         for variable, stage in (("white", "white"), ("colour_matrix", "colour_fit")):
-            if shelf.beside(frame, variable) is None:
+            if shelf.beside(frame, variable, BALANCED) is None:
                 faults.append(
                     Fault(
                         "--dng", f"the archive holds no {variable!r}: put the stage {stage!r} into the pipeline and keep it, or use --tiff"
@@ -190,7 +191,7 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
         mask=mask_of(shelf, frame),
         black=float(shelf.parameter(frame, "black_level")),
         white_level=white_level(shelf, frame),
-        camera_white=shelf.beside(frame, "white"),
+        camera_white=shelf.beside(frame, "white", BALANCED),
         balanced_to_xyz=shelf.beside(frame, "colour_matrix"),
         illuminant=str(shelf.parameter(frame, "illuminant", "")),
         exposure=float(str(time.reshape(())[()])) if time is not None and time.size == 1 else shelf.parameter(frame, "integration_time"),

@@ -144,9 +144,14 @@ class Shelf:
                 return float(shown[name]) if shown[name] in ("inf", "nan") else shown[name]
         return default
 
-    def beside(self, frame: Frame, variable: str) -> Any:
-        """Another variable of the same cell, or None where the archive has none: ``white`` for a ``raw``."""
-        for _, path in reversed(self.variables.get(variable, [])):
+    def beside(self, frame: Frame, variable: str, other_than: str = "") -> Any:
+        """Another variable of the same cell, or None where the archive has none: ``white`` for a ``raw``.
+
+        The last that was written, but not by the stage ``other_than``.
+        """
+        for stage, path in reversed(self.variables.get(variable, [])):
+            if other_than and other_than in self.record["nodes"].get(stage, {}).get("stage", ()):
+                continue
             data = self._open(path)
             axes = [str(dim) for dim in data["status"].dims] if "status" in data else []
             labels = {dim: frame.labels[dim] for dim in axes if dim in frame.labels}
