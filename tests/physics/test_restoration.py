@@ -1,4 +1,4 @@
-"""Sharpening is identity plus a Laplacian, in space, in frequency and on noise."""
+"""Sharpening is identity plus a Laplacian or less a Gaussian: in space, in frequency and on noise; what restoring gains and costs."""
 
 import math
 
@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import ndimage
+from scipy import ndimage, optimize
 
-from etendue.physics import restoration
+from etendue.physics import restoration, restoration_gain
 from tests.physics.reference import cases
 
 strengths = st.floats(0, 4)
@@ -106,3 +106,152 @@ def test_impossible_strengths_are_refused(strength):
             call()
     with pytest.raises(ValueError, match="planes has shape"):
         restoration.sharpen(np.zeros(4), 0.1)
+
+
+# -- in front of the demosaicer
+
+
+@given(shape=shapes, seed=seeds, strength=strengths, period=st.tuples(st.integers(1, 6), st.integers(1, 6)))
+def test_sharpening_a_mosaic_is_sharpening_each_of_its_planes(shape, seed, strength, period):
+    mosaic = np.random.default_rng(seed).uniform(0, 1, shape)
+    sharp = restoration.sharpen_mosaic(mosaic, strength, period)
+    for row in range(min(period[0], shape[1])):
+        for column in range(min(period[1], shape[2])):
+            place = np.s_[:, row :: period[0], column :: period[1]]
+            assert_array_equal(sharp[place], restoration.sharpen(mosaic[place], strength))
+
+
+def test_planes_of_their_own_keep_a_grey_card_of_three_colours_and_the_printed_kernel_does_not():
+    card = np.tile([[0.3, 0.6], [0.6, 0.2]], (5, 7))
+    assert_array_equal(restoration.sharpen_mosaic(card, 1.0), card)
+    assert np.abs(restoration.sharpen_mosaic(card, 1.0, (1, 1)) - card).max() > 1
+
+
+def test_impossible_periods_are_refused():
+    with pytest.raises(ValueError, match="period is"):
+        restoration.sharpen_mosaic(np.zeros((4, 4)), 0.1, (0, 2))
+    with pytest.raises(ValueError, match="mosaic has shape"):
+        restoration.sharpen_mosaic(np.zeros(4), 0.1)
+
+
+# -- unsharp mask
+
+radii = st.floats(0.05, 6)
+
+
+@given(shape=shapes, seed=seeds, radius=radii, amount=strengths)
+def test_unsharp_is_convolution_with_identity_less_a_gaussian_and_keeps_the_sum(shape, seed, radius, amount):
+    planes = np.random.default_rng(seed).uniform(0, 1, shape)
+    taps = restoration.gaussian_taps(radius)
+    kernel, reach = np.outer(taps, taps), taps.size // 2
+    mirrored = np.pad(planes, ((0, 0), (reach, reach), (reach, reach)), mode="symmetric")
+    windows = np.lib.stride_tricks.sliding_window_view(mirrored, kernel.shape, axis=(1, 2))
+    direct = planes + amount * (planes - (windows * kernel).sum(axis=(-1, -2)))
+    # values up to 1 + 2 a; sums of up to 49 x 49 products
+    assert_allclose(restoration.unsharp(planes, radius, amount), direct, rtol=0, atol=3e-15 * (1 + amount))
+    assert_allclose(direct.sum(axis=(1, 2)), planes.sum(axis=(1, 2)), rtol=0, atol=1e-12 * (1 + amount))
+
+
+@pytest.mark.parametrize(("cycles_y", "cycles_x"), [(0, 0), (1, 0), (0, 5), (3, 7), (24, 24)])
+@pytest.mark.parametrize("radius", [0.2, 0.7, 2.0])
+def test_a_wave_is_multiplied_by_the_response_of_the_unsharp_mask(cycles_y, cycles_x, radius):
+    n, amount = 48, 0.8
+    y, x = np.mgrid[:n, :n]
+    wave = np.cos(2 * np.pi * (cycles_y * y + cycles_x * x) / n)
+    gain = restoration.unsharp_response(cycles_y / n, cycles_x / n, radius, amount)
+    inner = np.s_[9:-9, 9:-9]
+    assert_allclose(restoration.unsharp(wave, radius, amount)[inner], gain * wave[inner], rtol=0, atol=1e-13)
+
+
+def test_a_wide_unsharp_mask_is_a_gaussian_in_frequency():
+    f = np.linspace(0, 0.5, 51)
+    gaussian = 1 + 0.6 * (1 - np.exp(-2 * (np.pi * 2.0 * f) ** 2))
+    # the Gaussian is cut at four standard deviations, where 6e-5 of it is left
+    assert_allclose(restoration.unsharp_response(0.0, f, 2.0, 0.6), gaussian, rtol=0, atol=1e-4)
+
+
+@given(radius=radii, amount=strengths)
+def test_noise_gain_of_the_unsharp_mask_is_the_mean_square_of_its_response(radius, amount):
+    n = 2 * restoration.gaussian_taps(radius).size  # resolves the kernel
+    f = np.arange(n) / n
+    response = restoration.unsharp_response(f[:, None], f, radius, amount)
+    assert_allclose(restoration.unsharp_noise_gain(radius, amount), np.sqrt(np.mean(response**2)), rtol=1e-13)
+
+
+def test_differences_below_the_threshold_stay_as_they_are_and_larger_ones_lose_it():
+    y, x = np.mgrid[:40, :40]
+    planes = 0.5 + 1e-3 * (-1.0) ** (x + y) + 0.4 * (x > 20)
+    sharp, plain = restoration.unsharp(planes, 1.0, 1.0, 0.05), restoration.unsharp(planes, 1.0, 1.0)
+    assert_array_equal(sharp[:, :15], planes[:, :15])
+    assert_allclose(sharp[:, 21], plain[:, 21] - 0.05, rtol=1e-14)  # one subtraction more
+    assert_allclose(sharp[:, 20], plain[:, 20] + 0.05, rtol=1e-14)
+
+
+def test_the_unsharp_mask_keeps_float32_and_refuses_nonsense():
+    planes = np.random.default_rng(1).uniform(0, 1, (2, 16, 17)).astype(np.float32)
+    sharp = restoration.unsharp(planes, 0.7, 2.0, 0.01)
+    assert sharp.dtype == np.float32
+    # blurred in double, three roundings of values up to 5
+    assert_allclose(sharp, restoration.unsharp(planes.astype(float), 0.7, 2.0, 0.01), rtol=0, atol=2e-6)
+    for values, name in (((0.0, 1.0), "radius"), ((1.0, -1.0), "amount"), ((1.0, 1.0, math.nan), "threshold"), ((2000.0, 1.0), "radius")):
+        with pytest.raises(ValueError, match=f"{name} is"):
+            restoration.unsharp(np.zeros((2, 2)), *values)
+    with pytest.raises(ValueError, match="planes has shape"):
+        restoration.unsharp(np.zeros(4), 1.0, 1.0)
+
+
+# -- what a restoration gains and costs
+
+
+def test_noise_behind_bilinear_demosaicing_has_the_stated_spectrum():
+    rng, n = np.random.default_rng(2), 64
+    f = np.fft.fftfreq(n)
+    for green in (True, False):
+        power = np.zeros((n, n))
+        for _ in range(60):
+            noise, sites = rng.standard_normal((n, n)), np.zeros((n, n))
+            sites[::2, ::2] = 1
+            if green:
+                sites[1::2, 1::2] = 1
+            kernel = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4 if green else np.outer([1, 2, 1], [1, 2, 1]) / 4
+            plane = ndimage.convolve(noise * sites, kernel, mode="wrap")
+            power += np.abs(np.fft.fft2(plane)) ** 2 / n**2 / 60
+        spectrum = restoration_gain.bilinear_noise_spectrum(f[:, None], f, green)
+        assert_allclose(spectrum.mean(), 5 / 8 if green else 9 / 16, rtol=1e-14)
+        blocks = [a.reshape(8, 8, 8, 8).mean(axis=(1, 3)) for a in (power, spectrum)]
+        assert_allclose(blocks[0], blocks[1], rtol=0, atol=0.1 * blocks[1].max())  # 3840 draws, two by two alike: 0.09 is 4 sigma
+        response = restoration.sharpen_response(f[:, None], f, 0.3)
+        predicted = restoration_gain.response_noise_gain(response, spectrum)
+        measured = math.sqrt((response**2 * power).sum() / power.sum())
+        assert_allclose(predicted, measured, rtol=0.02)  # 2.5e5 draws
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.05, 0.15])
+def test_gain_in_mtf50_is_that_of_the_product_of_both_responses(strength):
+    sigma = 0.6
+
+    def system(f):
+        return np.exp(-2 * (np.pi * sigma * f) ** 2)
+
+    def response(f):
+        return restoration.sharpen_response(0.0, f, strength)
+
+    gain = restoration_gain.mtf50_gain(system, response)
+    before = math.sqrt(math.log(2) / 2) / (math.pi * sigma)
+    after = optimize.brentq(lambda f: system(f) * response(f) - 0.5, 0.1, 0.7)
+    assert_allclose(gain, after / before, rtol=1e-9)  # the chord of a bracket of 6e-8
+
+
+def test_gain_in_mtf50_does_not_know_units_and_is_undefined_where_half_is_not_reached():
+    def system(f):
+        return 7.0 * np.exp(-8 * f**2)
+
+    assert_allclose(restoration_gain.mtf50_gain(system, lambda f: np.full(f.shape, -3.0)), 1.0, rtol=1e-12)
+    assert math.isnan(restoration_gain.mtf50_gain(np.ones_like, np.ones_like))
+    assert math.isnan(restoration_gain.mtf50_gain(system, lambda f: np.exp(8 * f**2)))
+
+
+def test_impossible_spectra_are_refused():
+    for spectrum in (np.ones((2, 3)), np.zeros((2, 2)), np.array([[1.0, -1.0], [1.0, 1.0]])):
+        with pytest.raises(ValueError, match="spectrum"):
+            restoration_gain.response_noise_gain(np.ones((2, 2)), spectrum)
