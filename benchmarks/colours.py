@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -25,7 +24,6 @@ import etendue
 from etendue import spectra
 from etendue.physics import colour, difference, transfer
 
-sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != Path(__file__).resolve().parent]  # this file bears the library's name
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "colour.toml"
 LIGHTS = ("D65", "D50", "A", "FL2", "FL11")
 EDGES = tuple(float(w) for w in range(380, 785, 5))
@@ -93,7 +91,7 @@ def camera(plot: Path | None) -> None:
         drawn.append((light, true, ours, white))
         text = [f"{differences[name].mean():5.2f} / {differences[name].max():5.2f}" for name in ways]
         residual, condition = (float(tree["colour_fit"][name].sel(at)) for name in ("fit_residual", "fit_condition"))
-        print(f"{light:6s} " + " ".join(f"{t:>15s}" for t in text) + f" {residual:9.4f} {condition:9.2f}")
+        print(f"{light:6s} " + " ".join(f"{t:>13s}" for t in text) + f" {residual:9.4f} {condition:9.2f}")
     print("(ours keeps white exact and is fitted to reflectances, before any picture is taken; the peers are fitted to the picture itself)")
     print("\nours by patch")
     print("      " + " ".join(f"{i:4d}" for i in range(1, 25)))

@@ -64,6 +64,7 @@ def main() -> None:
     etendue quantities                      what stages share: f_number, pixel_pitch, ...
     etendue show smallest                   what is in an archive
     etendue export smallest --dng           raw files that other converters open
+    etendue compare FILE --axis demosaic.use   alternatives ranked
     etendue sensors                         sensors whose parameters are published
     """
 
@@ -224,6 +225,134 @@ def run(
         print_outcome(outcome)
     sys.stdout.flush()
     sys.exit(3 if outcome.failed else 0)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--axis", required=True, metavar="AXIS[=V,V,..]", help="demosaic.use, demosaic.use=a,b or sharpen.strength=0,0.1,0.2.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="camera.f_number=4, sharpen.strength=0.3; may be repeated.")
+@click.option(
+    "--repeat", default=5, show_default=True, type=click.IntRange(1), metavar="N", help="Time each alternative so often; the best counts."
+)
+@click.option("--noise-free", is_flag=True, help="Expected values: no noise, no rounding.")
+@click.option("--no-mtf50", is_flag=True, help="Leave the run in front of an edge out.")
+@click.option("--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port.")
+@click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help="Table, plot and crops; default ./<name>-compare.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def compare(
+    file: Path, axis: str, settings: Any, repeat: int, noise_free: bool, no_mtf50: bool, scheduler: str, workers: int | None,
+    output: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Rank alternatives: quality against run time, plugins included.
+
+    --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads no more
+    than it does; demosaic.use=a,b takes these, and '{ use = "mine", iterations = 5 }' one with its parameters. Any stage and any
+    parameter may be the axis. Light, mosaic and noise are computed once, the same for all that stand behind them.
+
+    The reference is what the same pixels would give without noise and mosaic, at every pixel, through the same later stages. PSNR
+    is measured on linear values where the axis has its effect: at the stage's own picture, or at rgb_camera for what stands before
+    it; "encoded", CIEDE2000, zipper and false colour on the finished picture. A stage that reads and writes rgb_camera alone
+    (sharpening, denoising) is left out of the reference: it is held against the picture that did not need it. A border of 10
+    pixels is not counted. MTF50 comes from a second, noise-free run of the same camera in front of a slanted edge. Time is that
+    of the stage alone on one thread.
+
+    Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off.
+    """
+    from etendue.report.terminal import TerminalProgress
+    from etendue.session import Options, check_scheduler
+    from etendue.spec.pipeline import read_pipeline
+    from etendue.studies.axis import parse_axis
+    from etendue.studies.compare import compare as measure
+    from etendue.studies.ranking import document, print_comparison, write_files
+
+    pipeline = read_pipeline(file, _overrides(settings, (), (), None))
+    options = Options(check_scheduler(scheduler), workers or 0)
+    with _answering_sigterm():
+        progress = None if as_json else TerminalProgress
+        found = measure(pipeline, parse_axis(axis, _number), repeat, noise_free, options, progress, not no_mtf50)
+    files = write_files(found, output or Path(f"{found.pipeline}-compare"))
+    if as_json:
+        _say({**document(found), "files": [str(path) for path in files]})
+    else:
+        print_comparison(found, files)
+    sys.stdout.flush()
+    sys.exit(3 if found.failed else 0)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="camera.f_number=4, sharpen.strength=0.3; may be repeated.")
+@click.option("--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="f_number=1.4,2,2.8 or demosaic.use=a,b; may be repeated.")
+@click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale.")
+@click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need.")
+@click.option("--samples-per-degree", default=34.0, show_default=True, metavar="S", help="Pixels in a degree of view: 100 dpi at 50 cm.")
+@click.option("--without", multiple=True, metavar="STAGE", help="Leave this too out of the ideal camera: diffusion; may be repeated.")
+@click.option("--keep", multiple=True, metavar="STAGE", help="Keep this in the ideal camera, such as distortion; may be repeated.")
+@click.option("--pictures", default=12, show_default=True, type=click.IntRange(0), metavar="N", help="At most so many pictures with -o.")
+@click.option("--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port.")
+@click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help="Table as CSV and JSON, pictures side by side.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def quality(
+    file: Path, settings: Any, sweeps: Any, tolerance: Any, nothing_left_out: bool, as_json: bool, samples_per_degree: float,
+    without: tuple[str, ...], keep: tuple[str, ...], pictures: int, scheduler: str, workers: int | None, output: Path | None,
+) -> None:  # fmt: skip
+    """How far a camera is from the ideal one: the same pipeline with a perfect lens, without noise and mosaic.
+
+    For every cell of the sweep: PSNR of camera primaries and of the encoded picture, SSIM of its luma, CIEDE2000 and S-CIELAB of
+    the displayed light, SNR, visible noise in a uniform region, dynamic range. Blur, aberrations, distortion and glare are left
+    out of the ideal camera, and so is sharpening; its pixels, its light and its colours are those of the camera.
+
+    Exit codes: 0 done, 2 the request is wrong, 3 some cells failed.
+    """
+    from etendue.registry import installed_stages
+    from etendue.report.quality import print_quality
+    from etendue.report.terminal import TerminalProgress
+    from etendue.session import Options, check_scheduler
+    from etendue.spec.pipeline import read_pipeline
+    from etendue.studies.quality import pictures_to, write
+    from etendue.studies.quality import quality as measure
+
+    pipeline = read_pipeline(file, _overrides(settings, sweeps, (), tolerance))
+    options = Options(check_scheduler(scheduler), workers or 0)
+    show = pictures_to(output, pipeline.name, pictures) if output else None
+    progress = None if as_json else TerminalProgress
+    with _answering_sigterm():
+        found = measure(pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show)
+    if output:
+        write(found, output)
+    if as_json:
+        _say(found.document())
+    else:
+        print_quality(found.document())
+    sys.stdout.flush()
+    sys.exit(3 if found.failed else 0)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="camera.iso=800, demosaic.use=demosaic_bilinear; repeatable.")
+@click.option("--reflectance", default=0.18, show_default=True, metavar="R", help="Of the grey card.")
+@click.option("--frames", default=4, show_default=True, metavar="N", help="Frames of noise, each with fixed patterns of its own.")
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def noise(file: Path, settings: tuple[str, ...], reflectance: float, frames: int, as_json: bool) -> None:
+    """Noise behind every stage of a camera in front of a grey card: predicted, and found in frames of noise.
+
+    Predicted from shot noise, read noise, fixed patterns and rounding, and from what the stages behind the mosaic answer to one
+    pixel; stages that adapt to their picture adapt to noise, and differ from the prediction. Correlations between channels and
+    between neighbours say how coarse and how coloured the noise looks.
+    """
+    from etendue.registry import installed_stages
+    from etendue.report.noise import print_noise
+    from etendue.report.terminal import TerminalProgress
+    from etendue.spec.pipeline import read_pipeline
+    from etendue.studies.noise import noise as measure
+
+    pipeline = read_pipeline(file, _overrides(settings, (), (), None))
+    with _answering_sigterm():
+        found = measure(pipeline, installed_stages(), reflectance, frames, None, None if as_json else TerminalProgress)
+    (_say if as_json else print_noise)(found.document())
 
 
 @main.command()
