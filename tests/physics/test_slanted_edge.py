@@ -5,7 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
+from scipy.special import erf
 
+from etendue.physics.edge_bins import binned
 from etendue.physics.slanted_edge import slanted_edge
 
 FINE, PERIOD = 32, 8192
@@ -81,7 +83,7 @@ def test_the_edge_is_found_where_it_is(angle, vertical, seen):
     assert found.angle == pytest.approx(seen, abs=1e-4)
     turn = np.radians(angle)
     crossing = 199.8 + 0.2 * np.tan(turn) if vertical else 99.7 + 0.3 / np.tan(turn)
-    assert found.place == pytest.approx(crossing, abs=0.01)  # read off the spline by a chord between its knots
+    assert found.place == pytest.approx(crossing, abs=1e-4)
     assert found.contrast == pytest.approx(0.6, abs=1e-5)
 
 
@@ -154,6 +156,66 @@ def test_noise_scatters_the_answer_about_the_truth():
     assert_allclose([one.residual for one in found], 0.01, rtol=0.02)
 
 
+def arc(radius, shape=(200, 400)):
+    """An edge along a circle, at 10 degrees in the middle: the distance is exact."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    turn = np.radians(10)
+    centre = np.array([0.5 * (shape[0] - 1), 0.5 * (shape[1] - 1)]) + radius * np.array([np.sin(turn), np.cos(turn)])
+    return radius - np.hypot(y - centre[0], x - centre[1])
+
+
+@pytest.mark.parametrize(("radius", "order"), [(4000, 2), (1000, 3), (600, 5)])
+@pytest.mark.parametrize("sigma", [0.6, 1.2])
+def test_a_curved_edge_is_measured_within_the_bound(radius, order, sigma):
+    """Up to 8 pixels of bend. A blur of sigma alters the profile of a circle by sigma/(2 radius), far below the bound."""
+    image = 0.2 + 0.6 * profile(gaussian(sigma))(arc(radius))
+    found = slanted_edge(image, order=order)
+    assert_allclose(found.mtf50, np.sqrt(np.log(2) / 2) / (np.pi * sigma), rtol=5e-4)  # bound 5e-3; 1e-4 measured
+
+
+def test_the_other_figures_are_those_of_a_gaussian():
+    found = slanted_edge(picture(gaussian(0.6), 5))
+    assert_allclose(found.mtf10, np.sqrt(np.log(10) / 2) / (np.pi * 0.6), rtol=1e-4)
+    assert_allclose(found.mtf_nyquist, gaussian(0.6)(0.5), rtol=1e-3)
+    assert_allclose(found.rise, 2 * 1.2815515655 * 0.6, rtol=2e-4)  # 10 to 90 %
+    beyond = 1 - erf(2 * np.pi * 0.6 * 0.5) / erf(2 * np.pi * 0.6 * 1.0)  # of the integral of exp(-4 pi^2 f^2 sigma^2)
+    assert_allclose(found.aliasing, beyond, rtol=1e-3)
+    assert slanted_edge(picture(gaussian(0.6), 5), highest=0.5).aliasing == 0
+
+
+@pytest.mark.parametrize("angle", [2, 5, 10, 40, 85])
+def test_the_bins_of_the_standard_err_by_percents_where_the_spline_does_not(angle):
+    """Half contrast at 0.31 cycles/pixel: a bin takes sinc(f/4), the derivative's correction gives back more than is lost."""
+    image = picture(gaussian(0.6), angle)
+    true = np.sqrt(np.log(2) / 2) / (np.pi * 0.6)
+    iso, spline = slanted_edge(image, method="iso"), slanted_edge(image)
+    assert 2e-3 < abs(iso.mtf50 / true - 1) < 0.03
+    assert abs(spline.mtf50 / true - 1) < 1e-4
+    assert iso.angle == pytest.approx(spline.angle, abs=0.05)
+    assert iso.contrast == pytest.approx(0.6, abs=0.01)
+
+
+def test_each_correction_of_the_standard_does_what_it_is_for():
+    """The three-point derivative loses 1 - sinc(2 f/4), a slant of 40 degrees shortens distances by its cosine."""
+    image, f = picture(gaussian(0.6), 40), np.array([0.1, 0.2, 0.3])
+    whole = binned(image)[1].response(f)
+    cosine = binned(image, cosine=False)[1].response(f * np.cos(np.radians(40)))
+    assert_allclose(cosine, whole, rtol=1e-3)  # the same curve over another axis
+    plain = binned(image, derivative=False)[1].response(f)
+    assert_allclose(plain, whole * np.sinc(2 * f * np.cos(np.radians(40)) / 4), rtol=1e-3)
+    assert_allclose(binned(image, window="hamming")[1].response(f), whole, rtol=0.02)
+    fine = binned(picture(gaussian(0.6), 5), bins=16)[1].response(f)
+    assert_allclose(fine, gaussian(0.6)(f), atol=5e-3)  # finer bins take less
+    assert np.abs(binned(picture(gaussian(0.6), 5))[1].response(f) - gaussian(0.6)(f)).max() > 2 * np.abs(fine - gaussian(0.6)(f)).max()
+
+
+def test_the_bins_follow_a_curved_edge_too():
+    image = 0.2 + 0.6 * profile(gaussian(0.6))(arc(1000))
+    true = np.sqrt(np.log(2) / 2) / (np.pi * 0.6)
+    assert abs(slanted_edge(image, order=3, method="iso").mtf50 / true - 1) < 0.03
+    assert abs(slanted_edge(image, order=1, method="iso").mtf50 / true - 1) > 0.1
+
+
 @pytest.mark.parametrize("angle", [0, 90, 45])
 def test_an_edge_along_the_raster_is_refused(angle):
     with pytest.raises(ValueError, match="too few distances"):
@@ -178,6 +240,9 @@ def test_what_is_no_edge_is_refused(image):
         ({"half_width": 2}, "half_width is 2"),
         ({"highest": 3}, "highest is 3"),
         ({"samples": 1}, "samples is 1"),
+        ({"method": "fft"}, "method is 'fft'"),
+        ({"method": "iso", "sites": np.ones((40, 40), bool)}, "sites is given"),
+        ({"sites": np.ones((40, 40))}, "sites has shape"),
     ],
 )
 def test_nonsense_is_refused_with_its_name_and_what_is_allowed(arguments, match):

@@ -35,8 +35,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     np.power(curve, 1 / 2.4, out=curve)
     curve *= 1.055
     curve -= 0.055
-    toe = size <= 0.0031308
-    np.multiply(size, 12.92, out=curve, where=toe, casting="same_kind")
+    _with_toe(curve, size, 0.0031308, 12.92)
     return curve if size is value else np.copysign(curve, value, out=curve)
 
 
@@ -62,7 +61,7 @@ def srgb_decode(encoded: ArrayLike) -> NDArray:
     curve += 0.055
     curve /= 1.055
     np.power(curve, 2.4, out=curve)
-    np.divide(size, 12.92, out=curve, where=size <= 0.04045, casting="same_kind")
+    _with_toe(curve, size, 0.04045, 12.92, divide=True)
     return curve if size is value else np.copysign(curve, value, out=curve)
 
 
@@ -89,7 +88,7 @@ def bt709_encode(linear: ArrayLike) -> NDArray:
     curve *= 1.099
     curve -= 0.099
     # the float nearest to 0.018 lies below it: '<=' between floats is '<' between numbers
-    return np.where(value <= 0.018, 4.5 * value, curve)
+    return _with_toe(curve, value, 0.018, 4.5)
 
 
 def bt709_decode(encoded: ArrayLike) -> NDArray:
@@ -113,7 +112,7 @@ def bt709_decode(encoded: ArrayLike) -> NDArray:
     curve += 0.099
     curve /= 1.099
     np.power(curve, 1 / 0.45, out=curve)
-    return np.where(value <= 0.081, value / 4.5, curve)
+    return _with_toe(curve, value, 0.081, 4.5, divide=True)
 
 
 def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
@@ -149,7 +148,7 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
     size = _at_least(value if plain else np.abs(value), np.finfo(value.dtype).smallest_subnormal)
     np.power(size, gamma, out=size)
     if plain:
-        np.copyto(size, value, where=value == 0)
+        size *= value != 0  # by mask it would take as long as the power
     else:
         size *= np.sign(value)
     return size
@@ -158,6 +157,17 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
 def _no_negative(value: NDArray) -> bool:
     """False also where there is a NaN, and for no values at all."""
     return bool(value.size and value.min() >= 0)
+
+
+def _with_toe(curve: NDArray, value: NDArray, end: float, slope: float, divide: bool = False) -> NDArray:
+    """A straight line up to ``end`` in place of the curve, in place: by products with the mask, a third of the time of a choice."""
+    toe = value <= end
+    line = np.minimum(value, end, out=np.empty_like(curve))
+    (np.divide if divide else np.multiply)(line, slope, out=line)
+    line *= toe
+    curve *= ~toe
+    curve += line
+    return curve
 
 
 def _at_least(values: NDArray, floor: float) -> NDArray:

@@ -14,9 +14,11 @@ The interpolant runs through
 """
 
 import importlib.metadata
+import sys
 import warnings
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -47,10 +49,18 @@ def load_library() -> None:
 
 @lru_cache(maxsize=1)
 def colour_science() -> ModuleType:
-    """colour-science, imported late, without its remarks about optional packages we do not use."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        import colour
+    """colour-science, imported late, without its remarks about optional packages we do not use.
+
+    A file ``colour.py`` beside a user's script would be taken for it: folders with one are not looked in.
+    """
+    kept = sys.path[:]
+    sys.path[:] = [folder for folder in kept if not Path(folder, "colour.py").is_file()]
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            import colour
+    finally:
+        sys.path[:] = kept
     for entry in caught:
         unwanted = issubclass(entry.category, colour.utilities.ColourUsageWarning)
         if not (unwanted and UNWANTED_WARNING in str(entry.message)):
