@@ -14,7 +14,7 @@ if __name__ == "__main__":
     from colours import main
 
     main()
-else:
+elif __name__ == "colour":  # the library itself looks here a second time, under another name, and finds nothing
     here = Path(__file__).resolve().parent
     kept = sys.path[:]
     sys.path[:] = [p for p in kept if Path(p or ".").resolve() != here]

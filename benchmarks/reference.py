@@ -131,7 +131,7 @@ def matrices(held: Any) -> tuple[float, float]:
         (np.linalg.inv(colour.EQ16_AS_PRINTED), "eq16_as_printed_inverse"),
         (np.linalg.inv(colour.EQ16_CORRECTED), "eq16_corrected(0.020)_inverse"),
     )
-    return max(float(np.abs(found - A(held[name], float)).max()) for found, name in pairs), 2e-15
+    return max(float(np.abs(found - A(held[name], float)).max()) for found, name in pairs), 1e-14
 
 
 def adaptation(cases: Any) -> tuple[float, float]:

@@ -412,3 +412,11 @@ def test_the_list_of_names_for_plans_is_that_of_the_library():
     ):
         found = {name: (float(held[name].wavelengths[0]), float(held[name].wavelengths[-1])) for name in list(held)}
         assert tables(kind) == found
+
+
+def test_a_file_named_colour_beside_a_script_is_not_taken_for_the_library(tmp_path):
+    """Python looks beside the script first; the library itself looks there for another package of its name."""
+    (tmp_path / "colour.py").write_text("raise ImportError('the wrong one')\n")
+    (tmp_path / "script.py").write_text("from etendue import spectra\nprint(spectra.illuminant('D50', (500.0, 600.0)).shape)\n")
+    found = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=120, check=False)
+    assert found.stdout.strip() == "(1,)", found.stderr

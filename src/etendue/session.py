@@ -40,6 +40,7 @@ class Options:
     recompute: bool = False
     accept_platform: bool = False
     batch_seconds: float = 0.1
+    pictures: bool = True  # without an archive: whether a cell of every stage is drawn
 
 
 @dataclass
@@ -235,7 +236,7 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
 
     began = time.perf_counter()
     todo = set(plan.cells)
-    show = frozenset(shown_cells(plan).values())
+    show = frozenset(shown_cells(plan).values()) if options.pictures else frozenset()
     jobs = make_jobs(plan, todo, lambda cell: None, deliver_all=True, show=show)
     memory = MemoryArchive(plan)
     reports: dict[CellRef, CellReport] = {}
@@ -259,7 +260,7 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
     finally:
         progress.end()
     status = {ref: {"done": "done", "left_out": "left_out"}.get(r.status, r.status) for ref, r in reports.items()}
-    frames = pictures.render(plan, shown_cells(plan), arrays)
+    frames = pictures.render(plan, shown_cells(plan), arrays) if options.pictures else []
     kept = {"ledger": tables.ledger(plan, reports), "summary": tables.summary(plan, reports)}
     if frames:
         kept["frames"] = pictures.frames_table(frames)

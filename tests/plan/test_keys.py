@@ -190,7 +190,7 @@ MODULES = {
     "optics": {"irradiance", "falloff", "optical_filter"},
     "lens": {"diffraction", "lens_gaussian", "lens_psf"},
     "sensor": {"diffusion", "pixel", "crosstalk"},
-    "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_any", "sharpen"},
+    "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_any"},
 }
 
 

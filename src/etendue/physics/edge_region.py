@@ -102,7 +102,12 @@ def _straightened(
         return place, turn
     ridge = _sampled(energy, place, turn, along, across)
     weight = np.maximum(ridge.sum(1), 1e-300)
-    slope, shift = np.polyfit(along, (ridge @ across) / weight, 1, w=np.sqrt(weight))
+    centroid, centre = (ridge @ across) / weight, float(weight @ along / weight.sum())
+    spread = float(weight @ (along - centre) ** 2)
+    if not spread > 0:
+        return place, turn
+    slope = float(weight @ ((along - centre) * centroid)) / spread
+    shift = float(weight @ centroid / weight.sum()) - slope * centre
     s, c = math.sin(turn), math.cos(turn)
     middle = 0.5 * (start + stop)
     away = shift + slope * middle

@@ -11,6 +11,7 @@ recombine (diffusion length Ln), or meet the back contact. A pattern of frequenc
 1/L_f^2 = 1/Ln^2 + (2 pi f)^2, which is what blurs it.
 """
 
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -302,13 +303,21 @@ def _returning(x: FloatArray, a: float) -> FloatArray:
     return _decline(np.abs(x - a)) * np.exp(-x - np.minimum(x, a))
 
 
+@lru_cache(maxsize=1)
+def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of Gauss's rule, which take longer than all else here."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes.flags.writeable = weights.flags.writeable = False
+    return nodes, weights
+
+
 def _moments(a: float, count: int = 10) -> list[float]:
     """Integrals of (1 - y)^(2k+1) exp(-a y) over y in 0..1, divided by (2k+1)!.
 
     Gauss-Legendre on three panels that follow the exponential's decay: below 1e-14 relative for any a. Ten
     terms leave out less than 1e-17 for x < 1.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(20)
+    nodes, weights = _gauss(20)
     reach = min(1.0, 40.0 / a) if a > 0.0 else 1.0
     edges = reach * np.array([0.0, 0.15, 0.45, 1.0])
     half = 0.5 * np.diff(edges)[:, None]

@@ -268,4 +268,6 @@ def balanced(
         for rows, columns in cfa.sites_of(mask, channel, first_row, first_column):
             where = (..., rows, columns)
             np.multiply(mosaic[where], mosaic.dtype.type(gain), out=found[where])
-    return np.minimum(found, mosaic.dtype.type(ceiling), out=found) if ceiling < np.inf else found
+    if ceiling < np.inf:
+        found.clip(max=mosaic.dtype.type(ceiling), out=found)
+    return found

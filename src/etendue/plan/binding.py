@@ -140,9 +140,7 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
                 continue
             probe = issubclass(one.kind, Probe)
             if not probe and what != "transfer":
-                request.fault(
-                    port, f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all stages"
-                )
+                request.fault(port, f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all stages")
             if what == "transfer":
                 before = _before({source for _, source, _ in bound}, earlier)
                 chosen = [n.name for n in earlier if n.is_transfer and (probe or n.name in before)]

@@ -16,11 +16,11 @@ from etendue.errors import Fault, PluginError, RequestError
 from etendue.plan import leave_out
 from etendue.plan.graph import Graph
 from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
-from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node
+from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, arguments_of, is_random, parameters_of
+from etendue.spec.stage import Stage, arguments_of, is_random, looks, parameters_of, reads_of
 from etendue.spec.variables import Declaration
 
 
@@ -135,7 +135,11 @@ class _Expansion:
         by_dim = dict(zip(node.axes, index, strict=True))
         stage, one, number = self.stage_at(node, by_dim)
         inputs = tuple((port, self.ref(source, by_dim), variable) for port, source, variable in node.inputs[number])
-        looks_at = tuple((port, tuple(self.ref(name, by_dim) for name in names)) for port, _, names in node.looks_at)
+        looks_at = tuple(
+            (port, tuple(self.ref(name, by_dim) for name in names))
+            for port, what, names in node.looks_at
+            if port in reads_of(one.kind) and looks(reads_of(one.kind)[port]) == what
+        )
         input_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
         input_facts = {p: self.cells[ref].facts for p, ref, v in inputs}
         try:
@@ -144,7 +148,7 @@ class _Expansion:
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
             else:
                 declared = stage.grid(input_grids) if hasattr(stage, "grid") else {}
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids, looks_at) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in node.writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
             error_bound = self.error(node, stage, inputs, input_facts, input_grids)
@@ -191,6 +195,11 @@ class _Expansion:
             known = self.digests[id(stage)] = parameters_digest(stage)
         return known
 
+    def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
+        """Every stage that a node looks at through any port, in the order of the pipeline."""
+        names = {name for port, _, own in node.looks_at for name in own if port not in getattr(node.kind, "beside", ())}
+        return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
+
     def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:
         """What the segment of a transfer stage starts from."""
         if not node.segment:
@@ -220,9 +229,12 @@ class _Expansion:
             fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
         for port, refs in looks_at:
             cells = [self.cells[ref] for ref in refs]
-            if any(p == port and what == "transfer" for p, what, _ in node.looks_at):  # asked of the stages, left out or not
+            if looks(reads_of(one.kind)[port]) == "transfer":  # asked of the stages, left out or not
                 fields["inputs"][port] = [[c.node, c.use, code_digest(type(c.stage)), self.parameters(c.stage)] for c in cells]
                 fields["wavelengths"] = [list(c.input_grids[c.inputs[0][0]].bands().edges) for c in cells[:1]]
+                fields["rendered"] = [scene_of(self.cells, c).facts.rendered for c in cells[:1]]
+                fields["chains"] = [chains([c.node for c in cells], self.nodes), [is_whole(self.cells, c) for c in cells]]
+                fields["grids"] = [repr(g) for c in cells for g in c.grids.values()]
             else:
                 fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
         return fields, digest(json.dumps(fields, sort_keys=True).encode())
@@ -230,6 +242,7 @@ class _Expansion:
     def seed(self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, index: tuple[int, ...]) -> bytes:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
         read = [f"{p} {self.values[ref]}" for p, ref, _ in inputs]
+        read += [f"{p} {ref[0]} {self.parameters(self.cells[ref].stage)}" for p, refs in looks_at for ref in refs if not node.is_probe]
         values = digest("\n".join((node.name, self.parameters(stage), *read)).encode())
         self.values[(node.name, index)] = values
         if not is_random(type(stage)):

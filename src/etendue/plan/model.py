@@ -6,7 +6,7 @@ reach it. A ``CellRef`` names a cell by its node and the position on each of the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,6 +115,35 @@ class Cell:
     @property
     def ref(self) -> CellRef:
         return (self.node, self.index)
+
+
+def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
+    """The source cell at the start of what a cell reads first."""
+    while cell.inputs:
+        cell = cells[cell.inputs[0][1]]
+    return cell
+
+
+def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
+    """Whether nothing stands between the scene and a transfer cell that a product of transfer functions does not hold."""
+    while cell.inputs:
+        if not (is_transfer(type(cell.stage)) or cell.stage.pointwise):
+            return False
+        cell = cells[cell.inputs[0][1]]
+    return True
+
+
+def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:
+    """For each of some transfer nodes in order: which of them light has passed behind it, itself last."""
+    found: list[list[int]] = []
+    for number, name in enumerate(names):
+        before: set[str] = set()
+        open_ = {name}
+        while open_:
+            before |= open_
+            open_ = {source for n in open_ for bound in nodes[n].inputs for _, source, _ in bound} - before
+        found.append([i for i in range(number + 1) if names[i] in before])
+    return found
 
 
 @dataclass(frozen=True)

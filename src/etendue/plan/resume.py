@@ -46,7 +46,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
                 todo.add(source)
         for port, what, _ in node.looks_at:
             if what != "transfer":
-                todo |= {s for s in dict(cell.looks_at)[port] if (s[0], what) not in plan.kept}
+                todo |= {s for s in dict(cell.looks_at).get(port, ()) if (s[0], what) not in plan.kept}
     return todo
 
 

@@ -18,9 +18,9 @@ from etendue.physics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.run.jobs import Job
-from etendue.run.segments import Otf, Result, transferred
+from etendue.run.otf import transfers_of, weights_of
+from etendue.run.segments import Result, transferred
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
-from etendue.spec.grid import Bands, Grid
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import arguments_of
 
@@ -55,12 +55,14 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
         given[port] = array
     for port, what, pairs in job.looks_at:
         if what == "transfer":
-            given[port] = [(name, Otf(job.transfers[: i + 1], job.bands)) for i, (name, _) in enumerate(pairs)]
+            given[port] = transfers_of(job)
+        elif getattr(job.stage, "with_grids", False):
+            given[port] = [(n, results[ref].arrays[what], grid) for (n, ref), grid in zip(pairs, job.looked_grids[port], strict=True)]
         else:
             given[port] = [(name, results[ref].arrays[what]) for name, ref in pairs]
     others = [name for name in wanted if name not in given]
     if "prepared" in others:
-        given["prepared"] = prepared_of(job.stage, job.input_grids, job.grids) if not job.transfers else _probe_prepared(job)
+        given["prepared"] = _prepared(job)
     if "rng" in others:
         given["rng"] = philox(job.seed)
     if "rng_sensor" in others:
@@ -78,12 +80,11 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
     return {name: given[name] for name in wanted}
 
 
-def _probe_prepared(job: Job) -> Any:
-    """A probe of transfer functions is given the weights of the channels, (channel, wavelength), or None."""
-    if job.channel_weights is None:
-        return None
-    grid = Grid.of({"wavelength": Bands(job.bands)})
-    return np.asarray(job.channel_weights.weights(prepared_of(job.channel_weights, {"irradiance": grid}, {})))  # type: ignore[attr-defined]
+def _prepared(job: Job) -> Any:
+    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
+    if hasattr(job.stage, "prepare") or not job.transfers:
+        return prepared_of(job.stage, job.input_grids, job.grids)
+    return None if job.channel_weights is None else weights_of(job.channel_weights, job.bands)
 
 
 def check(job: Job, arrays: Any) -> dict[str, Any]:

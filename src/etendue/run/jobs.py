@@ -6,12 +6,12 @@ Jobs are plain values that travel to another thread or process. The owner of a r
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 from etendue.plan.cost import cell_seconds, too_large
-from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
 from etendue.spec.stage import Stage, ends_in_sum
@@ -50,6 +50,10 @@ class Job:
     give: tuple[str, ...] | None = None  # of what is delivered: what the caller holds on to; None: all
     by_band: tuple[str, ...] = ()  # variables that are made and stored band by band
     joined: tuple[Stage, ...] | None = None  # reads the segment's input itself: the stages of the segment in front of it
+    chains: tuple[tuple[int, ...], ...] = ()  # for each of ``transfers``: which of them it stands behind, itself last; (): all before it
+    whole: tuple[bool, ...] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
+    rendered: tuple[float, float] | None = None  # with what the scene in front of ``transfers`` was drawn
+    looked_grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port, of what is looked at
 
     @cached_property
     def needs(self) -> tuple[CellRef, ...]:
@@ -99,7 +103,7 @@ def make_jobs(
                 arrays.setdefault(source, {})[variable] = None
         for port, what, _ in node.looks_at:
             if what != "transfer":
-                for source in dict(cell.looks_at)[port]:
+                for source in dict(cell.looks_at).get(port, ()):
                     arrays.setdefault(source, {})[what] = None
     jobs = {}
     for ref, cell in plan.cells.items():
@@ -109,7 +113,7 @@ def make_jobs(
         store = tuple(v for v in node.writes if (node.name, v) in plan.kept) if ref in todo else ()
         give = tuple(node.writes) if ref in show else store if deliver_all else ()
         deliver = {**arrays.get(ref, {}), **dict.fromkeys(give)}
-        looks_at, transfers, bands, weights = _looking(plan, cell)
+        looking = _looking(plan, nodes, cell)
         serial = getattr(cell.stage, "sensor_serial", "")
         inputs, previous, before = cell.inputs, cell.inputs[0][1] if len(node.segment) > 1 else None, None
         if ref in direct:
@@ -117,12 +121,11 @@ def make_jobs(
             inputs, previous = ((inputs[0][0], source, variable), *inputs[1:]), None
         jobs[ref] = Job(
             ref=ref, task="compute" if ref in todo else "load", stage=cell.stage, writes=node.writes, grids=cell.grids,
-            input_grids=cell.input_grids, inputs=inputs, looks_at=looks_at, transfers=transfers, bands=bands,
-            channel_weights=weights, previous=previous,
+            input_grids=cell.input_grids, inputs=inputs, previous=previous,
             left_out=cell.left_out is not None, seed=cell.seed,
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(deliver), spectrum=ref in spectra, target=target(cell), seconds=cell_seconds(node, cell, plan.precision),
-            give=give, by_band=_by_band(node, cell, plan.precision), joined=before,
+            give=give, by_band=_by_band(node, cell, plan.precision), joined=before, **looking,
         )  # fmt: skip
     return jobs
 
@@ -157,21 +160,27 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
     return cell.segment_input, tuple(reversed(before))
 
 
-def _looking(plan: Plan, cell: Cell) -> tuple[Any, Any, tuple[float, ...], Stage | None]:
-    """What a probe's cell looks at: stages for transfer functions, cells for variables."""
+_LOOKS_AT_NOTHING: Mapping[str, Any] = {"looks_at": (), "transfers": (), "bands": (), "channel_weights": None}
+
+
+def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Mapping[str, Any]:
+    """What a cell looks at: stages for transfer functions, cells and grids for variables."""
     if not cell.looks_at:
-        return (), (), (), None
-    node = plan.node(cell.node)
-    looks_at: list[Any] = []
-    transfers: list[Stage] = []
-    bands: tuple[float, ...] = ()
-    weights: Stage | None = None
-    for port, what, _ in node.looks_at:
-        refs = dict(cell.looks_at)[port]
-        looks_at.append((port, what, tuple((ref[0], ref) for ref in refs)))
-        if what == "transfer" and refs:
-            cells = [plan.cells[ref] for ref in refs]
-            transfers = [c.stage for c in cells]
-            bands = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
-            weights = next((c.stage for c in cells if hasattr(c.stage, "weights")), None)
-    return tuple(looks_at), tuple(transfers), bands, weights
+        return _LOOKS_AT_NOTHING
+    found: dict[str, Any] = {**_LOOKS_AT_NOTHING, "looked_grids": {}}
+    looked = dict(cell.looks_at)
+    for port, what, _ in nodes[cell.node].looks_at:
+        if port not in looked:
+            continue  # of an alternative
+        refs = looked[port]
+        found["looks_at"] += ((port, what, tuple((ref[0], ref) for ref in refs)),)
+        cells = [plan.cells[ref] for ref in refs]
+        found["looked_grids"][port] = tuple(c.grids[what] if what != "transfer" else next(iter(c.grids.values())) for c in cells)
+        if what == "transfer" and cells:
+            found["whole"] = tuple(is_whole(plan.cells, c) for c in cells)
+            found["transfers"] = tuple(c.stage for c in cells)
+            found["bands"] = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
+            found["channel_weights"] = next((c.stage for c in cells if hasattr(c.stage, "weights")), None)
+            found["chains"] = tuple(tuple(chain) for chain in chains([c.node for c in cells], nodes))
+            found["rendered"] = scene_of(plan.cells, cells[0]).facts.rendered
+    return found

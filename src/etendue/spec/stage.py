@@ -111,6 +111,8 @@ class Stage:
     ``finds`` names camera quantities that the stage finds itself, with what to read and sweep instead (``<stage>`` is
     replaced by its name): no other stage of a pipeline may take them, and they are no axes.
     ``radial``: the transfer function depends on the size of the frequency alone.
+    ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
+    may be multiplied as if it were not there.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -121,6 +123,7 @@ class Stage:
     libraries: ClassVar[tuple[str, ...]] = ()
     finds: ClassVar[Mapping[str, str]] = {}
     radial: ClassVar[bool] = False
+    pointwise: ClassVar[bool] = False
 
     @property
     def common_draws(self) -> bool:
@@ -135,10 +138,11 @@ class Probe(Stage):
     ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
     that stage (``etendue.run.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
     Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
-    for as ``stage``.
+    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it.
     """
 
     with_grids: ClassVar[bool] = False
+    beside: ClassVar[tuple[str, ...]] = ()
 
 
 def looks(declaration: Declaration) -> str:

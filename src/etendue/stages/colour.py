@@ -132,8 +132,11 @@ class CameraToXyz(Stage):
         balance = 1.0 / np.asarray(white, dtype=float)
         matrix = np.asarray(colour_matrix, dtype=float) * balance
         if self.highlights == "neutral":
-            first_to_clip = balance.min()
-            rgb_camera = np.minimum(rgb_camera, (first_to_clip / balance).astype(rgb_camera.dtype)[:, None, None])
+            ends = (balance.min() / balance).astype(rgb_camera.dtype)
+            ended = np.empty_like(rgb_camera)
+            for plane, end, out in zip(rgb_camera, ends, ended, strict=True):
+                plane.clip(max=end, out=out)
+            rgb_camera = ended
         return {"xyz_scene": colour.apply_matrix(matrix, rgb_camera)}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:

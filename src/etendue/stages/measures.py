@@ -1,7 +1,7 @@
-"""The numbers beside the pictures: plain figures of the pixel, and probes that look at all stages.
+"""The numbers beside the pictures: plain figures of the pixel, and a probe that looks at the light of all stages.
 
-In:  camera quantities; the transfer functions of all stages.
-Out: scalars, each at the axes that reach it; ``mtf50`` with a dimension ``stage``.
+In:  camera quantities; the irradiance of all stages.
+Out: scalars, each at the axes that reach it; ``mean_irradiance`` with a dimension ``stage``.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Probe, Stage, hookimpl, param, quantity
-from etendue.physics import radiometry, resolution
+from etendue.api import Probe, Stage, hookimpl, quantity
+from etendue.physics import radiometry
 from etendue.stages.gain_chain import full_well
 
 
@@ -39,31 +39,6 @@ class PixelNumbers(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Resolution(Probe):
-    """Analytic MTF50 up to each stage: the photon-weighted polychromatic transfer function along x.
-
-    Lowest frequency at which contrast has fallen to one half; NaN where it does not below ``highest``. The weights
-    are those of the pixel's second channel (green; of a monochrome sensor its only one) under an equal-energy light;
-    in front of a pixel stage every photon counts the same.
-    """
-
-    reads: ClassVar = {"transfers": "*.transfer [1]"}
-    writes: ClassVar = {"mtf50": "stage [um-1] nan", "mtf50_lp_mm": "stage [mm-1] nan"}
-    nanoseconds: ClassVar = 1.5e7
-
-    highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
-    nodes: int = param(512, at_least=16, fidelity=True, reference="twice the nodes", doc="frequencies at which the crossing is looked for")
-
-    def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
-        weights = None if prepared is None else prepared[min(1, len(prepared) - 1)]
-        values = np.array([resolution.mtf50(otf, weights, self.highest, self.nodes) for _, otf in transfers])
-        return {"mtf50": values, "mtf50_lp_mm": values * 1e3}
-
-    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        return (2e-7 if precision == "float32" else 1e-11), "measured"
-
-
-@dataclass(frozen=True, kw_only=True)
 class LightBudget(Probe):
     """Mean irradiance behind every stage that writes it: blurs keep it, fall-off and filters do not."""
 
@@ -81,5 +56,5 @@ class LightBudget(Probe):
 @hookimpl
 def etendue_stages() -> dict[str, type]:
     return {
-        "pixel_numbers": PixelNumbers, "resolution": Resolution, "light_budget": LightBudget,
+        "pixel_numbers": PixelNumbers, "light_budget": LightBudget,
     }  # fmt: skip

@@ -26,6 +26,7 @@ class Irradiance(Conjugates):
 
     reads: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    pointwise: ClassVar = True
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 1.0
 
@@ -79,6 +80,7 @@ class Falloff(Conjugates):
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    pointwise: ClassVar = True
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 2.0
@@ -165,6 +167,7 @@ class OpticalFilter(Stage):
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    pointwise: ClassVar = True
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0

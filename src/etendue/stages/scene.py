@@ -77,7 +77,12 @@ class Scene(Stage):
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
         limit = self.band_limit() if self.light == "bandlimited" else None
-        return replace(self.known(), band_limit=limit), {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+        facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
+        return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+
+    def rendered(self) -> tuple[float, float] | None:
+        """With what the ideal chart is drawn: rms width of a Gaussian and side of the cells, um."""
+        return self.softness_um(getattr(self, "softness", 0.0)), self.cell
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if self.light == "cells" or facts.uniform or getattr(self, "softness", 1.0) > 0:
@@ -347,6 +352,9 @@ class Photograph(Scene):
 
     def band_limit(self) -> float:
         return 0.5 / self.spacing
+
+    def rendered(self) -> None:
+        """What a camera and a file format have done to it nobody knows."""
 
     def size(self) -> tuple[int, int]:
         grid = self.plane()

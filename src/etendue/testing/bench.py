@@ -29,6 +29,7 @@ from etendue.spec.stage import (
     Stage,
     is_random,
     is_source,
+    looks,
     reads_of,
     writes_of,
 )
@@ -128,11 +129,11 @@ class Bench:
     @cached_property
     def reads(self) -> dict[str, Declaration]:
         """Ports that are given arrays; what a probe looks at is not among them."""
-        return {port: d for port, d in reads_of(self.kind).items() if not d.variable.startswith("*.")}
+        return {port: d for port, d in reads_of(self.kind).items() if not looks(d)}
 
     @cached_property
     def looks(self) -> dict[str, str]:
-        return {port: d.variable[2:] for port, d in reads_of(self.kind).items() if d.variable.startswith("*.")}
+        return {port: looks(d) for port, d in reads_of(self.kind).items() if looks(d)}
 
     @cached_property
     def writes(self) -> dict[str, Declaration]:
@@ -159,7 +160,7 @@ class Bench:
             return Bands(EDGES)
         if dim in ("y", "x"):
             size = frame[0 if dim == "y" else 1]
-            if "wavelength" in declaration.dims:
+            if "wavelength" in declaration.dims or declaration.variable == "*.irradiance":
                 return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
             pitch = float(getattr(self.stage, "pixel_pitch", camera.default("pixel_pitch")))
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
@@ -191,6 +192,7 @@ class Bench:
             transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=EDGES if self.looks else (),
             channel_weights=_Sum() if summed and transfers else None, previous=None, left_out=False, seed=seed, sensor_seed=seed,
             precision=precision, store=(), deliver=tuple(self.writes), spectrum=False, target=None, seconds=0.0,
+            looked_grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if what != "transfer"},
         )  # fmt: skip
 
     def scale(self, port: str) -> float:
@@ -219,6 +221,21 @@ class Bench:
         values = np.asarray(values * full)
         return np.clip(np.rint(values), 0, np.iinfo(declaration.dtype).max) if whole else values
 
+    def seen(self, port: str, precision: str, frame: Frame) -> Any:
+        """What a probe looks at through a port: the same value everywhere."""
+        declaration = reads_of(self.kind)[port]
+        shape = self.seen_grid(port, frame).shape(self._seen_dims(declaration))
+        whole = declaration.dtype != "float"
+        return np.full(shape, 100 if whole else 0.01, dtype=declaration.dtype if whole else precision)
+
+    def seen_grid(self, port: str, frame: Frame) -> Grid:
+        declaration = reads_of(self.kind)[port]
+        return Grid.of({dim: self.coordinate(dim, declaration, frame) for dim in self._seen_dims(declaration)})
+
+    @staticmethod
+    def _seen_dims(declaration: Declaration) -> tuple[str, ...]:
+        return tuple(d for d in declaration.dims if d != "...") or ("wavelength", "y", "x")
+
     def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
 
@@ -242,9 +259,9 @@ class Bench:
             (port, ()): Result({self.reads[port].variable: a}, {self.reads[port].variable: smallest(a)} if a.dtype.kind == "f" else {})
             for port, a in given.items()
         }
-        planes = {what: np.full((len(EDGES) - 1, *frame), 0.01, dtype=precision) for what in self.looks.values() if what != "transfer"}
+        planes = {port: self.seen(port, precision, frame) for port, what in self.looks.items() if what != "transfer"}
         for number, name in enumerate(("first", "second") if planes else (), 1):
-            results[(name, ())] = Result({what: plane / number for what, plane in planes.items()})
+            results[(name, ())] = Result({self.looks[port]: (plane / number).astype(plane.dtype) for port, plane in planes.items()})
         before = digests(given)
         with _pools.limit(limits=1), np.errstate(all="ignore"):
             result, report = compute(job, results)

@@ -23,6 +23,7 @@ from etendue.spec.stage import (
     arguments_of,
     is_source,
     is_transfer,
+    looks,
     parameters_of,
     reads_of,
     writes_of,
@@ -94,8 +95,8 @@ class StageConformance:
         hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
         hold(kind.negative in ("error", "clip", "keep"), f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'")
         hold(kind.gain is None or 0 <= kind.gain < math.inf, f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0")
-        looks = [d.variable for d in reads.values() if d.variable.startswith("*.")]
-        hold(not looks or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(looks)}), which only a Probe may")
+        seen = [d.variable for d in reads.values() if looks(d) not in ("", "transfer")]
+        hold(not seen or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may")
         hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
         hold(not is_transfer(kind) or len(reads) == 1 == len(writes), f"{name} has transfer: it reads and writes one variable each")
         for library in kind.libraries:
