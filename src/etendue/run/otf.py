@@ -1,0 +1,132 @@
+"""Transfer functions as stages look at them: the product of all stages up to one, at any frequencies.
+
+In:  the ``Job`` of a stage that reads ``"*.transfer"``.
+Out: ``Otf`` values, each with the name of the stage up to which it holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from etendue.run.jobs import Job
+from etendue.run.segments import transfer_of
+from etendue.run.tables import TABLES, prepared_of
+from etendue.spec.grid import Bands, Grid
+from etendue.spec.stage import Stage, state_of
+
+REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
+BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
+
+
+def transfers_of(job: Job) -> list[tuple[str, Otf]]:
+    """For every transfer stage in front of a stage: its name, and the transfer function up to and including it."""
+    port, pairs = next((port, pairs) for port, what, pairs in job.looks_at if what == "transfer")
+    every = tuple((name, stage) for (name, _), stage in zip(pairs, job.transfers, strict=True))
+    chains = job.chains or [tuple(range(i + 1)) for i in range(len(every))]
+    grids = job.looked_grids.get(port) or [None] * len(every)
+    whole = job.whole or [True] * len(every)
+    return [
+        (name, Otf(tuple(every[i] for i in chain), job.bands, job.rendered, grid, unbroken))
+        for (name, _), chain, grid, unbroken in zip(pairs, chains, grids, whole, strict=True)
+    ]
+
+
+def weights_of(stage: Stage, edges: tuple[float, ...]) -> Any:
+    """(channel, wavelength): photons by wavelength of a stage that ends in a sum."""
+    return np.asarray(stage.weights(_prepared(stage, edges)))  # type: ignore[attr-defined]
+
+
+def _prepared(stage: Stage, edges: tuple[float, ...]) -> Any:
+    return prepared_of(stage, {"irradiance": Grid.of({"wavelength": Bands(edges)})}, {})
+
+
+@dataclass(frozen=True)
+class Otf:
+    """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, complex where shifted.
+
+    ``parts`` are (name, stage) in the order of the light, ``edges`` the wavelength bins, nm. What a plan has left out is
+    among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes. ``whole`` is
+    False where a stage in front moves light without being a transfer function (a warp, a blur that changes over the field):
+    then no product is all of the camera.
+    """
+
+    parts: tuple[tuple[str, Stage], ...]
+    edges: tuple[float, ...]
+    rendered: tuple[float, float] | None = None
+    grid: Grid | None = None
+    whole: bool = True
+
+    def __call__(self, frequency: Any) -> Any:
+        """(wavelength, n) at frequencies (n,) along x."""
+        fx = np.asarray(frequency, dtype=float)
+        return self.along(np.zeros_like(fx), fx)
+
+    def along(self, fy: Any, fx: Any) -> Any:
+        """(wavelength, n) at points (n,) of a line in any direction, or at any other points."""
+        fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
+        if fy.ndim != 1:
+            raise ValueError(f"fy and fx have shape {fy.shape}; allowed are two lists of equal length")
+        product: Any = np.ones((len(self.edges) - 1, fx.size))
+        for _, stage in self.parts:
+            product = product * _remembered("along", _along, stage, fy, fx, self.edges)
+        return product
+
+    def plane(self, fy: Any, fx: Any) -> Any:
+        """(wavelength, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
+        fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
+        product: Any = np.ones((len(self.edges) - 1, fy.size, fx.size))
+        for _, stage in self.parts:
+            product = product * _remembered("plane", _plane, stage, fy, fx, self.edges)
+        return product
+
+    def without(self, names: Iterable[str]) -> Otf:
+        """The same with these stages left out."""
+        left_out = {names} if isinstance(names, str) else set(names)
+        return replace(self, parts=tuple(part for part in self.parts if part[0] not in left_out))
+
+    @property
+    def weights(self) -> Any:
+        """(channel, wavelength): photons by wavelength behind each filter, or None in front of the pixel."""
+        stage = next((stage for _, stage in self.parts if hasattr(stage, "weights")), None)
+        return None if stage is None else weights_of(stage, self.edges)
+
+    @property
+    def wavelength(self) -> Any:
+        """Middle of every bin, um."""
+        return np.array(Bands(self.edges).values()) * 1e-3
+
+    def scene_along(self, fy: Any, fx: Any) -> Any:
+        """(n,): with what the ideal chart of the scene was rendered; 1 where the scene does not say (photographs)."""
+        fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
+        softness, cell = self.rendered or (0.0, 0.0)
+        return np.exp(-2 * (math.pi * softness) ** 2 * (fy**2 + fx**2)) * np.sinc(cell * fy) * np.sinc(cell * fx)
+
+
+def _remembered(what: str, make: Any, stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+    if max(fy.size, fx.size) < REMEMBERED:
+        return make(stage, fy, fx, edges)
+    key = ("otf", what, state_of(stage), edges, fy.tobytes(), fx.tobytes())
+    return TABLES.get(key, lambda: make(stage, fy, fx, edges))
+
+
+def _plane(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+    """(wavelength or 1, m, n)."""
+    value = np.asarray(transfer_of(stage, fy[:, None], fx[None, :], edges, _prepared(stage, edges)))
+    return value if value.ndim == 3 else value[None]
+
+
+def _along(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+    """(wavelength or 1, n). Stages take grids: of a slanted line, which is none, short pieces are the diagonals of small ones."""
+    if stage.radial:
+        fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
+    if not fy.any():
+        return _plane(stage, fy[:1], fx, edges)[:, 0, :]
+    if not fx.any():
+        return _plane(stage, fy, fx[:1], edges)[:, :, 0]
+    blocks = [slice(i, i + BLOCK) for i in range(0, fx.size, BLOCK)]
+    return np.concatenate([np.diagonal(_plane(stage, fy[b], fx[b], edges), axis1=1, axis2=2) for b in blocks], axis=1)
