@@ -83,7 +83,7 @@ def print_stages(documents: list[dict[str, Any]]) -> None:
         console.print(table)
     for d in documents:
         if "broken" in d:
-            console.print(f"broken: {d['name']}, from {escape(d['distribution'])} {d['version']}: {escape(d['broken'])}")
+            console.print(f"broken: {d['name']}: {escape(d['broken'])}")
     console.print("one of them in full: etendue stages NAME; what several of them share: etendue quantities")
 
 
