@@ -1,6 +1,7 @@
 """Noise behind every stage: what is predicted is what frames of noise show."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def measured(*arguments, **options):
 
 @pytest.mark.parametrize("demosaic", ["demosaic_bilinear", "demosaic_colour_difference", "demosaic_nearest"])
 def test_linear_stages_carry_noise_as_predicted(demosaic):
-    """Four standard errors (88 x 88 pixels, 2 frames: about 1.3 % each) and the correlations to 0.04."""
+    """Four standard errors (88 x 88 pixels, 2 frames: about 1.3 % each) and the correlations to 0.05."""
     report = measured(demosaic, frames=2)
     for expected, found, error in report.mosaic.values():
         assert abs(found - expected) < 4 * error + 0.003 * expected
@@ -86,8 +87,10 @@ def test_linear_stages_carry_noise_as_predicted(demosaic):
 
 def test_bilinear_keeps_nine_sixteenths_of_reds_variance_and_no_channel_takes_from_another():
     (row, *_), mosaic = (report := measured(frames=1)).rows, report.mosaic
-    np.testing.assert_allclose(row.predicted[0] / mosaic["R"][0], 0.75, rtol=1e-9)
-    np.testing.assert_allclose(row.predicted[1] / mosaic["G"][0], 0.625**0.5, rtol=1e-9)
+    np.testing.assert_allclose(
+        row.predicted[0] / mosaic["R"][0], 0.75, rtol=5e-3
+    )  # the light about a few places against that of the window
+    np.testing.assert_allclose(row.predicted[1] / mosaic["G"][0], 0.625**0.5, rtol=5e-3)
     assert all(abs(expected) < 1e-9 for expected, _ in row.between.values())
 
 
@@ -98,9 +101,59 @@ def test_patterns_of_the_sensor_are_part_of_the_noise_of_a_frame():
         assert abs(found - expected) < 4 * error + 0.003 * expected
 
 
+@pytest.mark.parametrize(
+    ("settings", "prnu"),
+    [("read_noise = 0\ndsnu = 0", 0.05), ("read_noise = 0\ndsnu = 0\nbits = 7\nblack_level = 4", 0.0)],
+    ids=["sensitivity pattern", "rounding"],
+)
+def test_each_source_of_noise_is_counted(settings, prnu):
+    """Sources that are many times shot noise: 5 % of 900 electrons against 30; steps of 94 electrons, rms 27."""
+    pipeline = camera(camera=settings)
+    stages = tuple(replace(e, values={"prnu": prnu}) if e.use == "exposure" else e for e in pipeline.stages)
+    report = noise(replace(pipeline, stages=stages), installed_stages(), frames=2)
+    for expected, found, error in report.mosaic.values():
+        assert abs(found - expected) < 4 * error + 0.01 * expected
+
+
+def test_what_is_measured_in_a_small_window_is_not_too_little():
+    """64 x 64 pixels: a quarter has 256, of which a trend of 15 terms takes 6 %. Sixty frames know a deviation to 0.6 %."""
+    report = measured("demosaic_bilinear", "", 256, frames=60)
+    for expected, found, error in report.mosaic.values():
+        assert abs(found / expected - 1) < 0.02 and error < 0.01 * found
+    np.testing.assert_allclose(report.rows[0].found, report.rows[0].predicted, rtol=0.02)
+
+
+def test_a_gain_that_differs_over_the_frame_is_followed_to_its_place():
+    """Shading corrected by 1/cos^4 over 60 degrees: 30 % more noise at the edges of the window than in its middle."""
+    lens = 'focal_length = "0.42 mm"\nf_number = 4'
+    text = CAMERA.format(demosaic="demosaic_bilinear", camera=lens, side=640)
+    text = text.replace('use = "irradiance"', 'use = "irradiance"\n[[stages]]\nuse = "falloff"', 1)
+    text = text.replace('use = "linearise"', 'use = "linearise"\n[[stages]]\nuse = "lens_shading"', 1)
+    report = noise(load(text), installed_stages(), frames=3)
+    np.testing.assert_allclose(report.rows[0].found, report.rows[0].predicted, rtol=0.03)
+
+
+def test_full_pixels_are_said_to_have_no_noise():
+    bright = CAMERA.format(demosaic="demosaic_bilinear", camera="", side=480).replace('"10 ms"', '"1 s"')
+    report = noise(load(bright), installed_stages(), reflectance=1.0, frames=1)
+    assert any("full" in note for note in report.notes)
+
+
+def test_a_camera_that_draws_no_noise_is_refused():
+    noisy = ("exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise")
+    text = CAMERA.format(demosaic="demosaic_bilinear", camera="", side=480)
+    for use in noisy[1:]:
+        text = text.replace(f'[[stages]]\nuse = "{use}"\n', "")
+    text = text.replace('use = "exposure"', 'use = "ideal_mosaic"')
+    with pytest.raises(RequestError, match="draws noise"):
+        noise(load(text), installed_stages(), frames=1)
+
+
 def test_any_array_is_followed_through_a_demosaicer_that_knows_it():
     report = measured("demosaic_any", 'pattern = "X-Trans"', 480, frames=2)
     np.testing.assert_allclose(report.rows[0].found, report.rows[0].predicted, rtol=0.06)
+    for expected, found, error in report.mosaic.values():
+        assert abs(found - expected) < 4 * error + 0.01 * expected
 
 
 def test_a_camera_without_a_mosaic_a_small_picture_and_nonsense_are_refused():

@@ -71,16 +71,15 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
 
     Notes
     -----
-    Mean CPSNR with the protocol of `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures; without
-    the second pass 40.8 and 36.4. Channels are expected to be balanced: with red and blue at 0.5 and 0.6 of their level
-    in grey, linear pictures lose 2.2 and 0.6 dB. Shot noise of SNR 20 at white leaves it 4.8 and 1.1 dB above bilinear.
+    Mean CPSNR by `benchmarks/demosaic.py`: 41.2 dB on Kodak and 36.4 dB on McMaster pictures. Channels are expected to be
+    balanced: where grey is not grey to it, it cannot tell detail that the colours share.
 
     Constant planes are exact to rounding, linear ones (each with its own slopes) to 1e-7 inside the border; grey detail
     near the sampling limit is not kept grey. Beside isolated samples on black results reach 4 times their height.
     Scaling by powers of two, mirroring, moving the window by any number of pixels, a change of sign, and swapping red
     with blue change the result accordingly, bit for bit; transposing does up to rounding. Single precision is within
-    2e-6 of full scale on photographs and 1e-5 on the worst of 480 artificial mosaics. Frames of one line, which have no
-    second direction, get `demosaic.colour_difference`.
+    2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics of the tests. Frames of one line, which have
+    no second direction, get `demosaic.colour_difference`.
     """
     mosaic = checked(mosaic, pattern)
     if 1 in mosaic.shape:

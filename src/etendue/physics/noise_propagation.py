@@ -49,6 +49,21 @@ def carried_covariance(responses: ArrayLike, variance: ArrayLike, lag: tuple[int
     return np.asarray(np.einsum("p,pcyx,pdyx->cd", v, first, second) / len(h))
 
 
+def slow_covariance(responses: ArrayLike, variance: ArrayLike) -> FloatArray:
+    """Noise power at zero frequency, (channel, channel): the covariance of the sum over a large window, for each of its pixels.
+
+    What a smooth trend takes with it when it is taken off noise (see `without_trend`) is this power, for each term of the
+    trend: of white noise its variance, of noise that neighbours share several times as much.
+    """
+    h, v = np.asarray(responses, np.float64).sum(axis=(-2, -1)), np.asarray(variance, np.float64)
+    return np.asarray(np.einsum("p,pc,pd->cd", v, h, h) / len(h))
+
+
+def terms(degree: int) -> int:
+    """Terms of a polynomial of two variables."""
+    return (degree + 1) * (degree + 2) // 2
+
+
 def _shifted(lag: tuple[int, int], sign: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
     """Where the first (sign 1) or second (sign -1) of two pixels lies so that both are inside."""
     parts = [slice(None), slice(None)]
@@ -100,13 +115,13 @@ def without_trend(planes: ArrayLike, degree: int = 2) -> FloatArray:
     Returns
     -------
     (..., y, x) array
-        The noise; its variance is smaller by the fitted terms' share, terms/pixels.
+        The noise; its variance is smaller by terms/pixels of the noise's power at low frequency, see `slow_covariance`.
     """
     planes = np.asarray(planes, np.float64)
     rows, columns = planes.shape[-2:]
     y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    terms = [y**i * x**j for i in range(degree + 1) for j in range(degree + 1 - i)]
-    basis, _ = np.linalg.qr(np.stack([t.ravel() for t in terms], axis=1))
+    powers = [y**i * x**j for i in range(degree + 1) for j in range(degree + 1 - i)]
+    basis, _ = np.linalg.qr(np.stack([power.ravel() for power in powers], axis=1))
     flat = planes.reshape(*planes.shape[:-2], -1)
     return np.asarray((flat - (flat @ basis) @ basis.T).reshape(planes.shape))
 

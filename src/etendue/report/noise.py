@@ -22,22 +22,20 @@ def print_noise(document: dict[str, Any]) -> None:
     table = _table("standard deviation of a pixel", *columns)
     for row in document["mosaic"]:
         electrons = "" if row["electrons"] is None else f"{row['electrons']:.0f}"
-        table.add_row(row["channel"], electrons, f"{row['predicted']:.3e}", _found(row), _ratio(row))
+        table.add_row(row["channel"], electrons, "-" if row["predicted"] is None else f"{row['predicted']:.3e}", _found(row), _ratio(row))
     console.print(table)
     behind = (
         ("stage", "left"), ("", "left"), ("predicted", "right"), ("found", "right"), ("ratio", "right"), ("neighbours", "left"),
-        ("between channels", "left"),
+        ("channels", "left"),
     )  # fmt: skip
-    table = _table("behind each stage: standard deviation; correlations predicted -> found", *behind, wrap=("between channels",))
+    table = _table("behind each stage: standard deviation; correlations predicted / found", *behind)
     last = None
     for row in document["rows"]:
         stage, last = ("" if last == (row["stage"], row["variable"]) else row["stage"]), (row["stage"], row["variable"])
-        between = ", ".join(
-            f"{pair} {c['predicted']:.2f} -> {c['found']:.2f}"
-            for pair, c in row["correlation"].items()
-            if pair.split()[0] == row["channel"]
-        )
-        beside = f"{row['neighbours']['predicted']:.2f} -> {row['neighbours']['found']:.2f}"
+        pair = _next_pair(row["channel"], list(row["correlation"]))
+        c = row["correlation"].get(pair)
+        between = f"{pair.replace(' ', '')} {c['predicted']:.2f} / {c['found']:.2f}" if c else ""
+        beside = f"{row['neighbours']['predicted']:.2f} / {row['neighbours']['found']:.2f}"
         table.add_row(stage, row["channel"], f"{row['predicted']:.2e}", f"{row['found']:.2e}", _ratio(row), beside, between)
     console.print(table)
     errors = [row["standard_error"] / row["found"] for row in document["rows"] if row["found"] and row["standard_error"] is not None]
@@ -45,6 +43,12 @@ def print_noise(document: dict[str, Any]) -> None:
         console.print(f"standard error of what was found: {100 * max(errors):.1f} % at most")
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
+
+
+def _next_pair(channel: str, pairs: list[str]) -> str:
+    """One pair of channels a row, so that all stand once: of three, R G, G B, and R B beside B."""
+    first = [pair for pair in pairs if pair.split()[0] == channel]
+    return first[0] if first else (pairs[0] if pairs else "")
 
 
 def _found(row: dict[str, Any]) -> str:

@@ -6,8 +6,9 @@ Out: for each stage behind the linearised mosaic the standard deviation of every
 
 Prediction: the variance of a pixel of the mosaic follows from shot noise, read noise, fixed patterns and rounding; what the later
 stages make of it follows from what they answer to a small step of one pixel at each place of the colour filter array, so that it
-holds for any stage, plugins too. It is linear about the flat field: a stage that adapts to its picture, such as a directional
-demosaicer, adapts to real noise as well, and then the two columns differ.
+holds for any stage, plugins too; answers and variances are taken at several places of the frame, as a correction of shading has its own
+gain at each. The prediction is linear about the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to
+real noise as well, and then the two columns differ. Defective pixels are left out: they are no noise.
 """
 
 from __future__ import annotations
@@ -29,14 +30,16 @@ from etendue.run.segments import Result
 from etendue.session import Options, execute
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
-from etendue.spec.stage import is_source, parameters_of
+from etendue.spec.stage import is_source, parameters_of, writes_of
 from etendue.stages.exposure import Exposing
 from etendue.stages.gain_chain import GainChain
 from etendue.stages.masks import mask_of
+from etendue.studies.axis import without_sweep
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
 BORDER, REACH, LARGEST = 16, 20, 192  # pixels: left out at the border, held by a response, side of the window that is measured
 STEP = 1e-4  # of a response's step, of full scale
+FULL = 0.001  # share of clipped pixels from which noise is cut off
 TREND = 4  # degree of what is taken off before noise is measured: fall-off over a wide field is no noise
 MOSAIC = "mosaic_linear"
 
@@ -63,7 +66,7 @@ class NoiseReport:
     reflectance: float
     frames: int
     signal: dict[str, float]  # channel -> mean charge, electron
-    mosaic: dict[str, tuple[float, float, float]]  # channel -> standard deviation of the mosaic: predicted, found, standard error
+    mosaic: dict[str, tuple[float | None, float, float]]  # channel -> standard deviation of the mosaic: predicted, found, standard error
     rows: list[StageNoise] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -101,7 +104,7 @@ def noise(
     Parameters
     ----------
     pipeline : Pipeline
-        Its scene is replaced by a flat one of the same size and light; a sweep is left out, the camera's own values hold.
+        Its scene is replaced by a flat one of the same size and light; a sweep is left out.
     registry : Registry
     reflectance : float
         Of the flat scene, above 0 and at most 1.
@@ -117,8 +120,9 @@ def noise(
         raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
     if frames < 1:
         raise RequestError(f"--frames {frames}: expected at least 1")
-    notes = ["the sweep is left out: the camera's own values hold"] if pipeline.sweep else []
-    flat = _flat(pipeline, registry, reflectance)
+    alone, taken = without_sweep(pipeline)
+    notes = [f"of the sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    flat = _flat(alone, registry, reflectance)
     plan = make_plan(flat, registry, leave_out_allowed=False)
     chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]
     if not any(MOSAIC in node.writes for node in plan.nodes) or not chosen:
@@ -131,6 +135,8 @@ def noise(
         if outcome.failed:
             report = outcome.failed[0]
             raise RequestError(f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file)
+    if not any(n.is_random for n in runs[0].nodes):
+        raise RequestError("no stage of the pipeline draws noise: there is none to follow", pipeline.file)
     first = next(n for n in runs[0].nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
     arrays = [{ref: found for ref, found in outcome.arrays.items()} for outcome in outcomes]
     return _Measurement(runs[0], first, arrays, notes).report(flat, reflectance)
@@ -144,8 +150,16 @@ def _flat(pipeline: Pipeline, registry: Registry, reflectance: float) -> Pipelin
         if entry.use in registry and is_source(registry.load(entry.use)):
             values = {name: value for name, value in entry.values.items() if name in allowed}
             entry = replace(entry, use="uniform", values={**values, "reflectance": reflectance})
-        entries.append(entry)
+        entries.append(_sound(entry, registry))
     return replace(pipeline, stages=tuple(entries), sweep={})
+
+
+def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
+    """A stage that makes defective pixels, making none."""
+    if entry.use not in registry or not {"defect_map", "stuck_map"} & set(writes_of(kind := registry.load(entry.use))):
+        return entry
+    shares = {name: 0.0 for name, (p, of, _) in parameters_of(kind).items() if of is float and p.at_most == 0.5 and not p.camera}
+    return replace(entry, values={**{k: v for k, v in entry.values.items() if k != "file"}, **shares})
 
 
 class _Measurement:
@@ -183,55 +197,66 @@ class _Measurement:
 
     def report(self, pipeline: Pipeline, reflectance: float) -> NoiseReport:
         mosaics = [self.window(a[self.ref][MOSAIC]) for a in self.arrays]
+        found: dict[tuple[int, int], float] = {}
         by_place: dict[tuple[int, int], Any] = {}
         for y, x in np.ndindex(self.mask.shape):
-            by_place[y, x] = propagation.without_trend(
-                np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics]), TREND
-            )
-        model = self._model()
-        found = {place: float(np.mean(planes**2)) for place, planes in by_place.items()}
-        variance = {place: model.get(str(self.mask[place]), found[place]) if model else found[place] for place in by_place}
+            planes = np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics])
+            by_place[y, x] = propagation.without_trend(planes, TREND)
+            free = 1 - propagation.terms(TREND) / planes[0].size  # independent noise: the trend took its share of the pixels
+            found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
+        model = self._model(self._signal())
         if not model:
             self.notes.append("the mosaic's noise is not that of an exposure this command knows: predictions start from what was found")
-        channels = list(dict.fromkeys(str(c) for c in self.mask.ravel()))
-        mosaic = {}
-        for channel in channels:
-            own = [by_place[p] for p in by_place if str(self.mask[p]) == channel]
-            error = propagation.standard_error_of_variance(np.concatenate([o[:, None] for o in own]), block=8)[0]
-            value = float(np.mean([np.mean(o**2) for o in own])) ** 0.5
-            expected = float(np.mean([variance[p] for p in by_place if str(self.mask[p]) == channel])) ** 0.5
-            mosaic[channel] = (expected, value, float(error) / (2 * value) if value else 0.0)
+        mosaic: dict[str, tuple[float | None, float, float]] = {}
+        for channel in dict.fromkeys(str(c) for c in self.mask.ravel()):
+            own = [p for p in by_place if str(self.mask[p]) == channel]
+            error = propagation.standard_error_of_variance(np.concatenate([by_place[p][:, None] for p in own]), block=8)[0]
+            value = float(np.mean([found[p] for p in own])) ** 0.5
+            mosaic[channel] = (model[channel] ** 0.5 if model else None, value, float(error) / (2 * value) if value else 0.0)
+        full = float(np.mean([np.mean(m >= 0.999) for m in mosaics]))
+        if full > FULL:
+            self.notes.append(
+                f"{100 * full:.2g} % of the pixels are full or at the top code: their noise is cut off, which no prediction knows"
+            )
         report = NoiseReport(pipeline.name, reflectance, len(self.arrays), self._signal(), mosaic, notes=self.notes)
-        responses = self._responses(np.mean([a[self.ref][MOSAIC] for a in self.arrays], axis=0))
-        order = [variance[place] for place in by_place]
-        for (stage, variable), answers in responses.items():
-            report.rows.append(self._row(stage, variable, answers, order))
+        flat = self._flat_mosaic(mosaics)
+        for (stage, variable), answers in self._responses(flat, found, bool(model)).items():
+            report.rows.append(self._row(stage, variable, answers))
         return report
 
-    def _signal(self) -> dict[str, float]:
-        """Mean charge by channel, electron."""
+    def _signal(self, rows: slice = slice(None), columns: slice = slice(None)) -> dict[str, float]:
+        """Mean charge by channel in the window or a part of it, electron."""
         ref = next((r for r, found in self.arrays[0].items() if "expected_charge" in found), None)
         if ref is None:
             return {}
         charge = self.window(self.arrays[0][ref]["expected_charge"])
         tiles = np.tile(self.mask, (charge.shape[0] // self.mask.shape[0], charge.shape[1] // self.mask.shape[1]))
+        charge, tiles = charge[rows, columns], tiles[rows, columns]
         return {str(c): float(charge[tiles == c].mean()) for c in dict.fromkeys(self.mask.ravel())}
 
-    def _model(self) -> dict[str, float]:
+    def _time(self) -> float | None:
+        """Of the exposure: the camera's, or what a metering has found."""
+        found = next(
+            (float(a["exposure_time"]) for a in self.arrays[0].values() if "exposure_time" in a and a["exposure_time"].ndim == 0), None
+        )
+        exposing = next((s for s in self.stages.values() if isinstance(s, Exposing)), None)
+        return found if found is not None else getattr(exposing, "integration_time", None)
+
+    def _model(self, signal: Mapping[str, float]) -> dict[str, float]:
         """Variance of a pixel of the linearised mosaic by channel, from the figures of exposure, noise and converter."""
         stages = self.stages.values()
         exposing = next((s for s in stages if isinstance(s, Exposing)), None)
         chain = next((s for s in stages if isinstance(s, GainChain) and "raw" in type(s).writes), None)
-        signal = self._signal()
-        time = getattr(exposing, "integration_time", None)
+        time = self._time()
         if exposing is None or chain is None or not signal or time is None:
             return {}
         names = {type(s).__name__ for s in stages}
         dark = float(exposing.dark_charge(time))
         read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))
         lines = sum(getattr(s, k, 0.0) ** 2 for s in stages for k in ("row_pattern", "column_pattern", "row_noise", "column_noise"))
-        if lines:
-            self.notes.append("noise of whole rows and columns is counted as if each pixel had its own")
+        remark = "noise of whole rows and columns is counted as if each pixel had its own"
+        if lines and remark not in self.notes:
+            self.notes.append(remark)
         gain = float(chain.dn_per_electron())
         found = {}
         for channel, charge in signal.items():
@@ -240,29 +265,69 @@ class _Measurement:
             found[channel] = (electrons * gain**2 + 1 / 12) / chain.white() ** 2
         return found
 
-    def _responses(self, mosaic: Any) -> dict[tuple[str, str], Any]:
-        """What every picture answers to a step of one pixel at each place of the cell: (place, channel, y, x)."""
-        flat = np.empty_like(mosaic)
+    def _flat_mosaic(self, mosaics: list[Any]) -> Any:
+        """A mosaic of even channels, as large as the frame."""
+        flat = np.empty((self.rows, self.columns))
         for y, x in np.ndindex(self.mask.shape):
-            flat[y :: self.mask.shape[0], x :: self.mask.shape[1]] = self.window(mosaic)[
-                y :: self.mask.shape[0], x :: self.mask.shape[1]
-            ].mean()
+            place = (slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))
+            flat[place] = np.mean([m[place].mean() for m in mosaics])
+        return flat
+
+    def _places(self) -> list[tuple[tuple[int, int], float]]:
+        """First pixels of cells, in the frame, at which answers are taken, so far apart that they do not meet, and their weights.
+
+        The nodes of Gauss: with three a line, a gain that grows with the fifth power of the distance has its true mean.
+        """
+        lines = []
+        for size, period in zip((self.rows, self.columns), self.mask.shape, strict=True):
+            side = min(size - 2 * BORDER, LARGEST) // period * period
+            start = (size - side) // 2 // period * period
+            apart = 2 * REACH + 4 + 2 * period
+            count = next((n for n, share in ((3, 0.387), (2, 0.577)) if share * side >= apart), 1)
+            nodes, weights = np.polynomial.legendre.leggauss(count)
+            lines.append([(start + round(0.5 * (1 + x) * side) // period * period, w / 2) for x, w in zip(nodes, weights, strict=True)])
+        return [((y, x), float(v * w)) for y, v in lines[0] for x, w in lines[1]]
+
+    def _responses(
+        self, flat: Any, found: Mapping[tuple[int, int], float], modelled: bool
+    ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
+        """By picture, for several places of the frame: its answers to a step of one pixel, (place in the cell, channel, y, x), the
+        variance of these pixels, and the weight of the place."""
         jobs = make_jobs(self.plan, set(self.plan.cells), lambda cell: None, deliver_all=True)
-        behind = self._behind()
-        answers: dict[tuple[str, str], list[Any]] = {}
-        middle = [size // 2 // period * period for size, period in zip(mosaic.shape, self.mask.shape, strict=True)]
+        behind, (places, weights) = self._behind(), zip(*self._places(), strict=True)
+        variance = [self._variance_at(place, found, modelled) for place in places]
+        answers: dict[tuple[str, str], list[list[Any]]] = {}
         for y, x in np.ndindex(self.mask.shape):
-            at = (middle[0] + y, middle[1] + x)
             pair = []
             for sign in (1.0, -1.0):
                 stepped = flat.copy()
-                stepped[at] += sign * STEP
+                for place in places:
+                    stepped[place[0] + y, place[1] + x] += sign * STEP
                 pair.append(self._run(jobs, behind, stepped))
-            around = tuple(slice(m - REACH, m + REACH + 4) for m in middle)
-            for place in pair[0]:
-                step = (pair[0][place] - pair[1][place]) / (2 * STEP)
-                answers.setdefault(place, []).append(step[(..., *around)])
-        return {place: np.stack(found) for place, found in answers.items()}
+            for picture in pair[0]:
+                step = (pair[0][picture] - pair[1][picture]) / (2 * STEP)
+                for one, (row, column) in zip(answers.setdefault(picture, [[] for _ in places]), places, strict=True):
+                    one.append(step[..., self._around(row, self.rows), self._around(column, self.columns)])
+        return {
+            picture: [(np.stack(one), v, w) for one, v, w in zip(own, variance, weights, strict=True)] for picture, own in answers.items()
+        }
+
+    @staticmethod
+    def _around(middle: int, size: int) -> slice:
+        return slice(max(0, middle - REACH), min(size, middle + REACH + 4))
+
+    def _variance_at(self, place: tuple[int, int], found: Mapping[tuple[int, int], float], modelled: bool) -> Any:
+        """Variance of the pixels of a cell, from the light there."""
+        order = list(np.ndindex(self.mask.shape))
+        if not modelled:
+            return np.array([found[p] for p in order])
+        parts = []
+        for at, size, period in zip(place, (self.rows, self.columns), self.mask.shape, strict=True):
+            side = min(size - 2 * BORDER, LARGEST) // period * period
+            inside = at - (size - side) // 2 // period * period
+            parts.append(slice(max(0, inside - 4 * period), inside + 5 * period))
+        model = self._model(self._signal(*parts))
+        return np.array([model[str(self.mask[p])] for p in order])
 
     def _behind(self) -> list[str]:
         """The nodes that depend on the mosaic."""
@@ -289,17 +354,20 @@ class _Measurement:
                     found[name, variable] = np.asarray(array, np.float64)
         return found
 
-    def _row(self, stage: str, variable: str, answers: Any, variance: list[float]) -> StageNoise:
-        node = self.plan.node(stage)
+    def _row(self, stage: str, variable: str, answers: list[tuple[Any, Any, float]]) -> StageNoise:
         labels = self.plan.cells[(stage, ())].grids[variable]["channel"]
         names = tuple(str(v) for v in labels.values())
-        frames = np.stack([self.window(a[(node.name, ())][variable]) for a in self.arrays])
+        frames = np.stack([self.window(a[(stage, ())][variable]) for a in self.arrays])
         noise_of = propagation.without_trend(self._without_pattern(frames), TREND)
-        carried, found = propagation.carried_covariance(answers, variance), propagation.found_covariance(noise_of)
-        beside = propagation.carried_covariance(answers, variance, (0, 1)), propagation.found_covariance(noise_of, (0, 1))
+        slow = sum(w * propagation.slow_covariance(h, v) for h, v, w in answers)
+        taken = slow * propagation.terms(TREND) / frames[0, 0].size  # what the trend took with it
+        carried, beside = (
+            np.asarray(sum(w * propagation.carried_covariance(h, v, lag) for h, v, w in answers)) for lag in ((0, 0), (0, 1))
+        )
+        found, found_beside = (propagation.found_covariance(noise_of, lag) + taken for lag in ((0, 0), (0, 1)))
         spreads = np.diag(carried), np.diag(found)
         shared = [propagation.correlation(c, s) for c, s in zip((carried, found), spreads, strict=True)]
-        next_to = [propagation.correlation(c, s) for c, s in zip(beside, spreads, strict=True)]
+        next_to = [propagation.correlation(c, s) for c, s in zip((beside, found_beside), spreads, strict=True)]
         errors = propagation.standard_error_of_variance(noise_of)
         pairs = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
         with np.errstate(invalid="ignore", divide="ignore"):
