@@ -149,9 +149,17 @@ def _density(t: FloatArray) -> FloatArray:
 
 def _ramp(t: FloatArray, softness: float) -> FloatArray:
     """The integral of the soft step."""
-    return t * ndtr(t / softness) + softness * _density(t / softness)
+    far = _in_softnesses(t, softness)
+    return t * ndtr(far) + softness * _density(far)
 
 
 def _bowl(t: FloatArray, softness: float) -> FloatArray:
     """The integral of the ramp."""
-    return 0.5 * ((np.square(t) + softness**2) * ndtr(t / softness) + softness * t * _density(t / softness))
+    far = _in_softnesses(t, softness)
+    return 0.5 * ((np.square(t) + softness**2) * ndtr(far) + softness * t * _density(far))
+
+
+def _in_softnesses(t: FloatArray, softness: float) -> FloatArray:
+    """Distance from a step over its softness; infinite is far enough."""
+    with np.errstate(over="ignore"):
+        return t / softness
