@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 from collections.abc import Iterator
@@ -64,7 +63,9 @@ def main() -> None:
     etendue quantities                      what stages share: f_number, pixel_pitch, ...
     etendue show smallest                   what is in an archive
     etendue export smallest --dng           raw files that other converters open
-    etendue compare FILE --axis demosaic.use   alternatives ranked
+    etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
+    etendue quality FILE                    every camera of a sweep against the ideal one
+    etendue noise FILE                      noise behind every stage, predicted and found
     etendue sensors                         sensors whose parameters are published
     """
 
@@ -135,25 +136,21 @@ def _pipeline_options(function: Any) -> Any:
 
 def _say(document: Any) -> None:
     """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor infinity."""
-    click.echo(json.dumps(_plain(document), allow_nan=False))
+    from etendue.studies.files import finite
 
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
-    return value
+    click.echo(json.dumps(finite(document), allow_nan=False))
 
 
 def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool) -> Any:
+    from dataclasses import replace
+
     from etendue.plan.planner import make_plan
     from etendue.registry import installed_stages
     from etendue.spec.pipeline import read_pipeline
 
     pipeline = read_pipeline(file, _overrides(settings, sweeps, want, tolerance))
+    if want and pipeline.keep is not None and pipeline.wanted is not None:  # what is asked for now is kept, whatever the file keeps
+        pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
     return make_plan(pipeline, installed_stages(), not nothing_left_out)
 
 
@@ -247,15 +244,17 @@ def compare(
     """Rank alternatives: quality against run time, plugins included.
 
     --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads no more
-    than it does; demosaic.use=a,b takes these, and '{ use = "mine", iterations = 5 }' one with its parameters. Any stage and any
-    parameter may be the axis. Light, mosaic and noise are computed once, the same for all that stand behind them.
+    than it does, and does not say that it serves another purpose; demosaic.use=a,b takes these, and '{ use = "mine",
+    iterations = 5 }' one with its parameters. Any stage and any parameter may be the axis. Light, mosaic and noise are computed
+    once, the same for all that stand behind them.
 
     The reference is what the same pixels would give without noise and mosaic, at every pixel, through the same later stages. PSNR
     is measured on linear values where the axis has its effect: at the stage's own picture, or at rgb_camera for what stands before
     it; "encoded", CIEDE2000, zipper and false colour on the finished picture. A stage that reads and writes rgb_camera alone
-    (sharpening, denoising) is left out of the reference: it is held against the picture that did not need it. A border of 10
-    pixels is not counted. MTF50 comes from a second, noise-free run of the same camera in front of a slanted edge. Time is that
-    of the stage alone on one thread.
+    (sharpening, denoising) is left out of the reference: it is held against the picture that did not need it. Any other axis in
+    front of the pixels or behind the demosaicer (f_number, display.display) reaches the reference too: then each value has one of
+    its own, and the rank goes by PSNR of the encoded picture. A border of 10 pixels is not counted. MTF50 comes from a second,
+    noise-free run of the same camera in front of a slanted edge. Time is that of the stage alone on one thread.
 
     Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off.
     """
@@ -264,14 +263,18 @@ def compare(
     from etendue.spec.pipeline import read_pipeline
     from etendue.studies.axis import parse_axis
     from etendue.studies.compare import compare as measure
+    from etendue.studies.files import check_folder
     from etendue.studies.ranking import document, print_comparison, write_files
 
     pipeline = read_pipeline(file, _overrides(settings, (), (), None))
     options = Options(check_scheduler(scheduler), workers or 0)
     with _answering_sigterm():
         progress = None if as_json else TerminalProgress
-        found = measure(pipeline, parse_axis(axis, _number), repeat, noise_free, options, progress, not no_mtf50)
-    files = write_files(found, output or Path(f"{found.pipeline}-compare"))
+        folder = output or Path(f"{pipeline.name}-compare")
+        found = measure(
+            pipeline, parse_axis(axis, _number), repeat, noise_free, options, progress, not no_mtf50, lambda: check_folder(folder)
+        )  # fmt: skip
+    files = write_files(found, folder)
     if as_json:
         _say({**document(found), "files": [str(path) for path in files]})
     else:
@@ -311,15 +314,17 @@ def quality(
     from etendue.report.terminal import TerminalProgress
     from etendue.session import Options, check_scheduler
     from etendue.spec.pipeline import read_pipeline
-    from etendue.studies.quality import pictures_to, write
+    from etendue.studies.quality import pictures_of, write
     from etendue.studies.quality import quality as measure
 
     pipeline = read_pipeline(file, _overrides(settings, sweeps, (), tolerance))
     options = Options(check_scheduler(scheduler), workers or 0)
-    show = pictures_to(output, pipeline.name, pictures) if output else None
+    show = pictures_of(pipeline.name, pictures) if output else None
     progress = None if as_json else TerminalProgress
     with _answering_sigterm():
-        found = measure(pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show)
+        found = measure(
+            pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show, output
+        )
     if output:
         write(found, output)
     if as_json:

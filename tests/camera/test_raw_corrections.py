@@ -303,3 +303,11 @@ def test_a_sensor_without_defects_keeps_every_bit():
     tree = sensor_with({"use": "correct_defects", "by": "map"}, hot=0.0, dead=0.0, stuck=0.0, wanted=["correct_defects"])
     assert values(tree, "correct_defects.defects_corrected") == 0
     assert_array_equal(tree["correct_defects"].mosaic_linear, tree["linearise"].mosaic_linear)
+
+
+def test_a_rim_that_the_correction_does_not_know_is_noted():
+    from etendue.stages.shading import LensShading
+
+    assert "rim" in LensShading().warn_among(("scene", "vignetting"))[0]
+    assert not LensShading(rim_radius=3.0).warn_among(("vignetting",)) and not LensShading().warn_among(("falloff",))
+    assert not LensShading(strength=0.0).warn_among(("vignetting",))

@@ -90,12 +90,12 @@ def test_along_a_slant_a_square_pixel_is_two_boxes(angle):
     assert_allclose(np.sinc(4 * found * math.cos(turn)) * np.sinc(4 * found * math.sin(turn)), 0.5, rtol=1e-9)
 
 
-def test_the_rendering_of_the_chart_belongs_to_the_curve_unless_it_is_asked_not_to():
+def test_the_rendering_of_the_chart_belongs_to_the_curve_only_where_that_is_asked_for():
     """A Gaussian of 2 um alone has its MTF50 at sqrt(ln 2/2)/(2 pi); a pixel of 1/1000 um leaves it alone."""
     tiny = pixel(1e-3)
-    with_chart = figures(tiny, rendered=(2.0, 0.0))["mtf50"][0]
+    with_chart = figures(tiny, rendered=(2.0, 0.0), rendering=True)["mtf50"][0]
     assert_allclose(with_chart, math.sqrt(math.log(2) / 2) / (2 * math.pi), rtol=1e-6)
-    assert math.isnan(figures(tiny, rendered=(2.0, 0.0), rendering=False)["mtf50"][0])
+    assert math.isnan(figures(tiny, rendered=(2.0, 0.0))["mtf50"][0])
 
 
 def test_effective_resolution_ends_at_nyquist_and_counts_line_widths_over_the_frame():

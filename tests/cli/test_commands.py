@@ -6,11 +6,13 @@ import os
 import pty
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from etendue.cli import _plain, main
+from etendue.cli import main
 from etendue.report.terminal import short_axes
+from etendue.studies.files import finite
 
 SMALL = """
 name = "small"
@@ -159,7 +161,7 @@ def test_the_stages_as_json_have_their_fields(inside):
 
 def test_what_is_not_known_is_null_and_what_has_no_end_is_text():
     document = {"a": [math.nan, (1.5, math.inf)], "b": -math.inf, 3: {"c": None}}
-    assert strict(json.dumps(_plain(document))) == {"a": [None, [1.5, "inf"]], "b": "-inf", "3": {"c": None}}
+    assert strict(json.dumps(finite(document))) == {"a": [None, [1.5, "inf"]], "b": "-inf", "3": {"c": None}}
 
 
 def test_an_axis_that_holds_infinity_is_still_json(file, inside):
@@ -386,3 +388,11 @@ def test_show_of_anything_else_is_a_wrong_request(file, inside, folder):
     code, out, err = inside("show", folder, "--json")
     assert (code, err) == (2, "")
     assert "not an archive" in strict(out)["faults"][0]["message"]
+
+
+def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):
+    Path(file).write_text('keep = ["photon_rate"]\n' + Path(file).read_text())
+    code, out, err = inside("run", file, "--want", "airy_diameter", "--archive", "asked", "--json")
+    assert code == 0, err
+    code, out, _ = inside("show", "asked")
+    assert "airy_diameter" in out

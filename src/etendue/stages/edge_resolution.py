@@ -72,7 +72,7 @@ class EdgeProbe(Probe):
         "edge_flags": "stage [1] uint8", "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
     }  # fmt: skip
     creates: ClassVar = {"factor": Labels(EVERY_FACTOR)}
-    nanoseconds: ClassVar = 5e6
+    nanoseconds: ClassVar = 6e7
 
     pixel_pitch: float = quantity("pixel_pitch")
     pattern: str = quantity("pattern")

@@ -85,8 +85,8 @@ class Resolution(Probe):
     """Analytic resolution up to each stage: the photon-weighted polychromatic transfer function along one direction.
 
     The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) under an equal-energy
-    light; in front of a pixel stage every photon counts the same. The rendering of the scene's chart belongs to the curve, as
-    it does to every picture of it (``rendering = false`` leaves it out).
+    light; in front of a pixel stage every photon counts the same. It is the camera's curve: the softness with which the scene's
+    chart was drawn is in every picture of it and in ``edge_resolution``, and here only with ``rendering = true``.
 
     ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest at
     which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
@@ -111,7 +111,7 @@ class Resolution(Probe):
 
     pixel_pitch: float = quantity("pixel_pitch")
     angle: float = param(0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y")
-    rendering: bool = param(True, doc="whether the softness or the cells of the scene's chart belong to the curve")
+    rendering: bool = param(False, doc="whether the softness or the cells of the scene's chart belong to the curve")
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
     nodes: int = param(512, at_least=16, fidelity=True, reference="twice the nodes", doc="frequencies at which a crossing is looked for")

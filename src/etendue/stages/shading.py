@@ -133,6 +133,11 @@ class LensShading(Conjugates):
         """Of the arithmetic; how well model or table fit the lens is no error of it."""
         return (1e-6 if precision == "float32" else 2e-14), "measured"
 
+    def warn_among(self, uses: Any) -> list[str]:
+        if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and "vignetting" in uses:
+            return ["the lens has a rim (stage vignetting) of which this correction knows nothing: give it rim_radius and rim_distance too"]
+        return []
+
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if self.strength == 0:
             return []

@@ -128,6 +128,7 @@ def noise(
     if not any(MOSAIC in node.writes for node in plan.nodes) or not chosen:
         raise RequestError("the pipeline has no mosaic_linear, or no picture made of it: there is no noise to follow", pipeline.file)
     wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe)
+    notes += plan.warnings
     flat = replace(flat, wanted=wanted, keep=None, precision="float64")
     runs = [make_plan(replace(flat, seed=flat.seed + number), registry, leave_out_allowed=False) for number in range(frames)]
     outcomes = [execute(run, None, options, progress(run) if progress else None) for run in runs]
@@ -213,6 +214,10 @@ class _Measurement:
             error = propagation.standard_error_of_variance(np.concatenate([by_place[p][:, None] for p in own]), block=8)[0]
             value = float(np.mean([found[p] for p in own])) ** 0.5
             mosaic[channel] = (model[channel] ** 0.5 if model else None, value, float(error) / (2 * value) if value else 0.0)
+        codes = self._codes()
+        if codes and min(value for _, value, _ in mosaic.values()) * codes < 0.5:
+            least = min(value for _, value, _ in mosaic.values()) * codes
+            self.notes.append(f"noise is {least:.2g} DN: rounding of so little is no noise of its own, and the mosaic's prediction is off")
         full = float(np.mean([np.mean(m >= 0.999) for m in mosaics]))
         if full > FULL:
             self.notes.append(
@@ -264,6 +269,11 @@ class _Measurement:
             electrons = (charge if "ShotNoise" in names else 0.0) + patterns + read + lines
             found[channel] = (electrons * gain**2 + 1 / 12) / chain.white() ** 2
         return found
+
+    def _codes(self) -> float:
+        """Digital numbers between black and 1; 0 without a converter."""
+        chain = next((s for s in self.stages.values() if isinstance(s, GainChain) and "raw" in type(s).writes), None)
+        return float(chain.white()) if chain is not None else 0.0
 
     def _flat_mosaic(self, mosaics: list[Any]) -> Any:
         """A mosaic of even channels, as large as the frame."""
