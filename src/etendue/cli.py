@@ -235,7 +235,9 @@ def run(
 @click.option("--no-mtf50", is_flag=True, help="Leave the run in front of an edge out.")
 @click.option("--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port.")
 @click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help="Table, plot and crops; default ./<name>-compare.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help="Table, plot and crops; default ./<name>-compare-<axis>."
+)
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 def compare(
     file: Path, axis: str, settings: Any, repeat: int, noise_free: bool, no_mtf50: bool, scheduler: str, workers: int | None,
@@ -270,9 +272,10 @@ def compare(
     options = Options(check_scheduler(scheduler), workers or 0)
     with _answering_sigterm():
         progress = None if as_json else TerminalProgress
-        folder = output or Path(f"{pipeline.name}-compare")
+        asked = parse_axis(axis, _number)
+        folder = output or Path(f"{pipeline.name}-compare-{asked.key.removesuffix('.use').replace('.', '_')}")
         found = measure(
-            pipeline, parse_axis(axis, _number), repeat, noise_free, options, progress, not no_mtf50, lambda: check_folder(folder)
+            pipeline, asked, repeat, noise_free, options, progress, not no_mtf50, lambda: check_folder(folder)
         )  # fmt: skip
     files = write_files(found, folder)
     if as_json:

@@ -219,7 +219,9 @@ def _merge_journal(outcome: Outcome, store: Any) -> None:
         if entry is not None and ref not in outcome.reports and entry.event == "done":
             kept = {chunk.path for chunk in store.chunk_paths(outcome.plan.cells[ref])}
             files = tuple(file for file in entry.files if file.path in kept)
-            outcome.reports[ref] = CellReport(*ref, "reused", entry.seconds, files, clipped=entry.clipped, clipped_flux=entry.clipped_flux)
+            outcome.reports[ref] = CellReport(
+                *ref, "reused", entry.seconds, files, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored
+            )
 
 
 def _as_stored(outcome: Outcome, store: Any) -> dict[CellRef, CellReport]:

@@ -66,9 +66,21 @@ class ReadsMore(Grey):
         return {"rgb_camera": mosaic_linear * np.ones_like(white)[:, None, None]}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Softer(Stage):
+    """Changes camera values, and says nothing about what for."""
+
+    reads = {"rgb_camera": "channel y x [1]"}
+    writes = {"rgb_camera": "channel y x [1]"}
+    negative = "keep"
+
+    def run(self, rgb_camera):
+        return {"rgb_camera": 0.5 * (rgb_camera + np.roll(rgb_camera, 1, -1))}
+
+
 STAGES = {
     "grey": Grey, "breaks_off": BreaksOff, "writes_nan": WritesNaN, "for_xtrans": ForXTrans, "needs_a_number": NeedsANumber,
-    "reads_more": ReadsMore,
+    "reads_more": ReadsMore, "softer": Softer,
 }  # fmt: skip
 
 

@@ -3,8 +3,13 @@
 import csv
 import json
 import math
+import re
+import shlex
+from dataclasses import replace
+from decimal import Decimal
 from importlib.metadata import EntryPoint
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,14 +19,17 @@ from scipy.optimize import brentq
 
 from etendue import hookspecs
 from etendue.cli import _number, main
+from etendue.physics import difference
 from etendue.registry import Registry, installed_stages
 from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
 from etendue.session import Options
 from etendue.spec.pipeline import parse_pipeline
-from etendue.studies.axis import Asked, parse_axis
+from etendue.studies.axis import Asked, candidates, labels_of, parse_axis
+from etendue.studies.branches import nodes_of
 from etendue.studies.compare import Row, compare, ranked
-from etendue.studies.ranking import document
+from etendue.studies.figures import colour_figures
+from etendue.studies.ranking import document, print_comparison
 
 SMALL = """
 name = "small"
@@ -199,19 +207,103 @@ def test_a_sharpening_is_held_against_the_picture_that_did_not_need_it():
 
 def test_a_camera_quantity_as_axis_reaches_the_reference_too():
     rows, result = rows_of("pixel_pitch=3,4", edges=True)
-    per_um = [rows[pitch].mtf50_reference / float(pitch) for pitch in ("3", "4")]
+    per_um = [rows[f"{pitch} um"].mtf50_reference / pitch for pitch in (3, 4)]
     assert per_um[0] > per_um[1]  # smaller pixels resolve more of the same light
-    assert rows["3"].mtf50_reference < rows["4"].mtf50_reference  # but of their own grid less
-    assert rows["3"].seconds is None
+    assert rows["3 um"].mtf50_reference < rows["4 um"].mtf50_reference  # but of their own grid less
+    assert rows["3 um"].seconds is None
     assert result.without == ""
 
 
-def test_the_first_values_of_the_files_own_sweep_are_taken_and_named():
-    swept = pipeline(after='[sweep]\nf_number = [8, 4]\n"sharpen.strength" = { from = 0.05, to = 1, steps = 3 }')
-    rows, result = rows_of("demosaic.use=demosaic_bilinear", swept)
-    plain, _ = rows_of("demosaic.use=demosaic_bilinear", pipeline(("f_number = 4", "f_number = 8")))
-    assert {k: float(v) for k, v in result.at.items()} == {"f_number": 8.0, "sharpen.strength": 0.05}
-    assert rows["demosaic_bilinear"].psnr == plain["demosaic_bilinear"].psnr
+def test_of_a_sweep_the_cameras_own_values_hold_else_the_first_and_both_are_named(capsys):
+    sweep = '[sweep]\nf_number = [8, 2]\n"sharpen.strength" = { from = 0.2, to = 1, steps = 3 }\n"demosaic.use" = ["demosaic_nearest"]'
+    swept = pipeline(("strength = 0.05", ""), after=sweep)
+    rows, result = rows_of("pixel_pitch=4", swept)
+    plain, _ = rows_of("pixel_pitch=4", pipeline(("strength = 0.05", "strength = 0.2")))
+    assert {k: v if k.endswith("use") else float(v) for k, v in result.at.items()} == {
+        "f_number": 4.0, "sharpen.strength": 0.2, "demosaic.use": "demosaic_bilinear",
+    }  # fmt: skip
+    assert result.first == ("sharpen.strength",)
+    assert rows["4 um"].psnr == plain["4 um"].psnr
+    print_comparison(result, [])
+    said = capsys.readouterr().out
+    assert "f_number = 4, demosaic.use = demosaic_bilinear: as the file gives it" in said
+    assert "sharpen.strength = 0.2: the first of the file's sweep" in said
+    assert document(result)["first_of_sweep"] == ["sharpen.strength"]
+
+
+def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
+    seen = []
+
+    def spy(picture, reference, white):
+        seen.append(difference.lab(np.asarray(reference, np.float64), white))
+        return colour_figures(picture, reference, white)
+
+    monkeypatch.setattr("etendue.studies.compare.colour_figures", spy)
+    ideal = ('use = "demosaic_bilinear"', 'use = "full_planes"')
+    rows_of("balance.target=D65,A", pipeline(ideal, scene="uniform"))
+    unbalanced = pipeline(ideal, ('[[stages]]\nuse = "balance"\n', ""), scene="uniform", camera='illuminant = "A"')
+    rows_of("demosaic.use", unbalanced)
+    assert len(seen) >= 3
+    for lab in seen:  # a grey surface looks grey, up to what the matrix makes of it; beside another white it is 10 to 90 off
+        assert np.hypot(*lab[1:]).max() < 3
+
+
+IDEAL = ('use = "demosaic_bilinear"', 'use = "full_planes"')
+
+
+@pytest.mark.parametrize(
+    "axis",
+    ["display.display=sRGB,Display P3", "balance.target=D65,A", "encode.encoding=sRGB,power", 'display.use={use="display",label="a"}'],
+)
+def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(axis):
+    rows, result = rows_of(axis, pipeline(IDEAL))
+    assert result.own_reference
+    for row in rows.values():
+        assert (row.status, row.psnr, row.psnr_encoded, row.delta_e) == ("done", math.inf, math.inf, 0.0)
+
+
+def test_a_correction_of_the_mosaic_as_axis_reaches_its_counterpart_for_planes():
+    shading = '[[stages]]\nuse = "lens_shading"\nstrength = 1.0\nfull_field = "40 deg"\ngeometry = "paper"'
+    rows, result = rows_of("lens_shading.strength=0,1", scene="uniform", expected=True, before=shading)
+    assert min(row.psnr for row in rows.values()) > 45  # as at the one value of the file
+    assert result.own_reference
+
+
+def test_values_with_references_of_their_own_are_ranked_by_what_can_be_held_side_by_side(capsys):
+    for found, by in ((pipeline(), "psnr_encoded"), (_camera_values_only(), "psnr_white")):
+        rows, result = rows_of("f_number=8,2", found)
+        assert result.rank_by == by
+        assert rows["8"].psnr > rows["2"].psnr  # little light has little to lose on a scale that both share
+        assert [row.label for row in result.rows] == ["2", "8"]
+        assert document(result)["rank_by"] == by
+    print_comparison(result, [])
+    said = capsys.readouterr().out
+    assert "full scale the brightest of each reference" in said
+    assert "each value has its own" in said
+
+
+def _camera_values_only():
+    text = written()
+    return parse_pipeline(text[: text.index('[[stages]]\nuse = "colour_fit"')])
+
+
+def test_nothing_depends_on_the_order_of_values():
+    there, back = (rows_of(f"integration_time={values}", edges=True)[1] for values in ("2ms,40ms", "40ms,2ms"))
+    assert [row.label for row in there.rows] == [row.label for row in back.rows]
+    for one, other in zip(there.rows, back.rows, strict=True):
+        assert {**vars(one), "position": 0} == {**vars(other), "position": 0}
+        assert 0.2 < one.mtf50 < 0.9
+    assert there.notes == back.notes
+    assert any("at 40 ms are beyond clipping" in note for note in there.notes)
+    assert (there.size, there.rank_by) == (back.size, back.rank_by)
+
+
+def test_where_the_scene_is_the_axis_it_is_said_that_no_edge_can_take_its_place():
+    rows, result = rows_of("scene.use", edges=True)
+    assert rows["composite"].status == "done"
+    assert [note for note in result.notes if "MTF50" in note] == [
+        "no MTF50: the scene is the axis, and an edge would have to take its place"
+    ]
 
 
 def test_a_time_that_is_metered_serves_the_reference_too():
@@ -228,6 +320,33 @@ def test_what_is_beyond_clipping_is_said():
     assert any("beyond clipping" in note for note in result.notes)
 
 
+@pytest.mark.parametrize(
+    ("values", "units", "labels"),
+    [
+        ((Decimal("2.8000001"), Decimal("2.8000004")), "1", ["2.8000001", "2.8000004"]),
+        (("2ms", "40 ms", "1e-3 s", "5"), "s", ["2 ms", "40 ms", "1e-3 s", "5 s"]),
+        ((3, 4.0, 0.1 + 0.2), "um", ["3 um", "4 um", "0.3 um"]),
+        ((2.8000001, 2.8000004), "1", ["2.8000001", "2.8000004"]),
+        ((True, "D65", "Display P3"), "", ["true", "D65", "Display P3"]),
+        (("2 ms", "2ms"), "s", ["2 ms", "2 ms (2)"]),
+    ],
+)
+def test_labels_carry_the_unit_and_no_two_are_alike(values, units, labels):
+    assert labels_of(values, units) == labels
+
+
+def test_values_that_nearly_agree_are_rows_and_pictures_of_their_own():
+    rows, result = rows_of("f_number=2.8000001,2.8000004")
+    assert set(rows) == {"2.8000001", "2.8000004"}
+    assert len(result.pictures) == 2
+
+
+def test_a_stage_that_is_swept_under_the_name_of_its_variable_is_compared():
+    rows, _ = rows_of('white.use=white,{ use = "white", label = "again" }')
+    assert rows["white"].status == rows["again"].status == "done"
+    assert rows["white"].psnr == rows["again"].psnr
+
+
 # -- alternatives -----------------------------------------------------------------------------------------------
 
 
@@ -236,6 +355,25 @@ def test_every_installed_stage_that_fits_is_taken_plugins_included(registry):
     assert {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_any", "grey"} <= set(rows)
     assert not {"reads_more", "full_planes", "sharpen"} & set(rows)
     assert any("not looked at" in note and "cannot_load" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(
+    ("stage", "use", "among", "not_among"),
+    [
+        ("sharpen", "sharpen", {"unsharp", "wiener", "richardson_lucy", "softer"}, {"paper_exposure", "denoise", "grey"}),
+        ("demosaic", "demosaic_nearest", {"demosaic_bilinear", "grey"}, {"softer", "sharpen"}),
+        ("lens", "diffraction", {"lens_gaussian", "wavefront"}, {"diffusion", "glare", "birefringent"}),
+        ("lens", "falloff", set(), {"vignetting", "distortion", "angular_response"}),
+        ("read_noise", "read_noise", set(), {"line_pattern", "full_well"}),
+    ],
+)
+def test_candidates_are_what_somebody_would_swap_and_who_says_nothing_is_found(registry, stage, use, among, not_among):
+    found = pipeline()
+    entries = tuple(replace(e, use=use, values={}) if e.name == stage else e for e in found.stages)
+    node = next(n for n in nodes_of(replace(found, stages=entries), registry) if n.name == stage)
+    chosen = set(candidates(node, registry)[0])
+    assert among | {use} <= chosen
+    assert not not_among & chosen
 
 
 def test_what_breaks_off_or_refuses_is_a_row_with_the_reason_and_the_others_are_measured(registry):
@@ -326,7 +464,7 @@ def test_the_command_prints_a_table_and_writes_its_files(run, tmp_path):
     assert done.exit_code == 0, done.output
     for text in ("demosaic_bilinear", "etendue ", "dE00", "reference", "1 frame", "Mpixel/s"):
         assert text in done.output
-    folder = tmp_path / "small-compare"
+    folder = tmp_path / "small-compare-demosaic"
     assert {p.name for p in folder.iterdir()} == {"compare.csv", "compare.json", "error_against_time.png", "crops.png"}
     with (folder / "compare.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -350,7 +488,41 @@ def test_its_json_keeps_its_fields_and_has_no_nan(run, registry):
 def test_pictures_of_an_earlier_comparison_do_not_stay_beside_another(run, tmp_path):
     run("--axis", "demosaic.use=demosaic_bilinear,demosaic_nearest")
     run("--axis", "pixel_pitch=3,4")  # a quantity has no time of its own: no plot
-    assert not (tmp_path / "small-compare" / "error_against_time.png").exists()
+    assert not (tmp_path / "small-compare-demosaic" / "error_against_time.png").exists()
+
+
+def test_an_axis_that_changes_the_size_of_the_frame_has_all_its_files(run, tmp_path):
+    run("--axis", "sharpen.strength=0,1")
+    before = (tmp_path / "small-compare-demosaic" / "crops.png").read_bytes()
+    done = run("--axis", "pixel.rows=40,52")
+    assert done.exit_code == 0, done.output
+    assert "sizes of their own (48 x 40, 48 x 52 pixels)" in done.output
+    assert "crops.png shows pictures of one size" in done.output
+    assert (tmp_path / "small-compare-demosaic" / "crops.png").read_bytes() != before
+    assert len(list((tmp_path / "small-compare-demosaic").iterdir())) == 4
+
+
+def test_nothing_is_written_where_a_picture_cannot_be_drawn(run, tmp_path, monkeypatch):
+    def breaks(*words):
+        raise ValueError("no ink")
+
+    monkeypatch.setattr("etendue.studies.ranking.strip", breaks)
+    assert run("--axis", "sharpen.strength=0,1").exit_code != 0
+    assert list((tmp_path / "small-compare-demosaic").iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["small.toml", "small.toml/inside"])
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_computed(run, monkeypatch, place):
+    monkeypatch.setattr("etendue.studies.compare.execute", lambda *words: pytest.fail("was computed"))
+    done = run("--axis", "demosaic.use=demosaic_nearest", "-o", place)
+    assert done.exit_code == 2, done.output
+    assert "folder" in done.output
+    assert "Traceback" not in done.output
+
+
+def test_a_wrong_request_leaves_no_folder(run, tmp_path):
+    assert run("--axis", "demosaik.use").exit_code == 2
+    assert not (tmp_path / "small-compare-demosaic").exists()
 
 
 WRONG = {
@@ -410,3 +582,43 @@ def test_document_says_inf_where_there_is_no_end():
     text = json.dumps(document(result), allow_nan=False)
     assert json.loads(text)["rows"][0]["psnr"] == "inf"
     assert_allclose(json.loads(text)["rows"][0]["rmse"], 0.0)
+
+
+# -- the documentation ------------------------------------------------------------------------------------------
+
+
+DOCS = Path(__file__).parents[2] / "docs" / "compare.md"
+
+
+class Planned(Exception):
+    """The request is right; nothing is computed."""
+
+
+def planned():
+    raise Planned
+
+
+def written_axes():
+    text = DOCS.read_text()
+    lines = [words[words.index("--axis") + 1] for line in re.findall(r"^    etendue (.*)$", text, re.M) if (words := shlex.split(line))]
+    table = text[text.index("| `--axis` |") :].partition("\n\n")[0]
+    return lines + [shlex.split(cell)[0] for cell in re.findall(r"^\| `(.*?)` \|", table, re.M)[1:]]
+
+
+def test_the_documentation_has_examples():
+    assert len(written_axes()) >= 6
+
+
+@pytest.mark.parametrize("axis", written_axes())
+def test_every_axis_of_the_documentation_can_be_asked_for(axis):
+    with pytest.raises(Planned):
+        compare(pipeline(), parse_axis(axis, _number), options=SERIAL, ready=planned)
+
+
+def test_the_python_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "pipelines").mkdir()
+    (tmp_path / "pipelines" / "smallest.toml").write_text(written())
+    monkeypatch.chdir(tmp_path)
+    code = re.search(r"```python\n(.*?)```", DOCS.read_text(), re.S)[1]
+    exec(compile(code, str(DOCS), "exec"), {})
+    assert "demosaic_bilinear" in capsys.readouterr().out

@@ -8,11 +8,14 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
+from etendue import studies
 from etendue.cli import main
 from etendue.errors import RequestError
 from etendue.physics import colour
+from etendue.physics import quality as measures
 from etendue.registry import installed_stages
 from etendue.spec.pipeline import parse_pipeline
+from etendue.stages.display_white import white_of
 from etendue.studies.ideal import ideal_of
 from etendue.studies.quality import quality
 from etendue.studies.quality_figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
@@ -173,6 +176,59 @@ def test_a_balance_on_the_mosaic_does_not_change_how_near_the_camera_is():
     assert_allclose(other["de_mean"], one["de_mean"], rtol=1e-3)
 
 
+WHITE = [*PLAIN[:12], "white", "white_estimate"]
+BEHIND = [stage for stage in PLAIN[12:] if stage != "white"]
+
+
+def believed(method, *more):
+    return measured([*WHITE, *more, *BEHIND], scene="uniform", overrides={"scene.reflectance": 0.2}, white_estimate=method).rows[0]
+
+
+def test_a_white_that_was_only_believed_does_not_change_camera_primaries():
+    truth = believed('method = "illuminant"\n')
+    for method in ('method = "preset"\ngains = [1, 1, 1]\n', 'method = "grey_world"\n'):
+        assert believed(method)["psnr_linear"] == truth["psnr_linear"]
+    balanced = believed('method = "preset"\ngains = [2, 1, 1.5]\n', "balance_mosaic")
+    assert_allclose(balanced["psnr_linear"], truth["psnr_linear"], atol=0.01)  # float32 gains, undone
+
+
+def shots(*args, **kwargs):
+    found = []
+    quality(read(*args, **kwargs), installed_stages(), show=lambda which, at, one, ideal, shown: found.append((one, ideal)))
+    return found
+
+
+def test_the_time_that_was_metered_is_known_of_both_cameras():
+    stages = [{"exposure": "exposure_metered", "white": "white_metered"}.get(stage, stage) for stage in PLAIN]
+    ((one, ideal),) = shots(stages)
+    assert 0 < one.exposure_time < 1 and 0 < ideal.exposure_time < 1
+    ((one, ideal),) = shots()
+    assert one.exposure_time is None and ideal.exposure_time is None
+
+
+@pytest.mark.parametrize(
+    ("display", "red", "green", "blue", "white"),
+    [
+        ("Display P3", (0.680, 0.320), (0.265, 0.690), (0.150, 0.060), (0.3127, 0.3290)),  # SMPTE EG 432-1
+        ("Adobe RGB (1998)", (0.64, 0.33), (0.21, 0.71), (0.15, 0.06), (0.3127, 0.3290)),  # Adobe, 2005
+        ("sRGB", (0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)),  # IEC 61966-2-1
+        ("Typical CRT Brainard 1997", None, None, None, None),
+    ],
+)
+def test_light_is_that_of_the_display_which_the_pipeline_names(display, red, green, blue, white):
+    (one, _), (other, _) = shots(overrides={"sweep.display.display": [display, "Apple Studio Display"]})
+    assert_allclose(one.to_xyz[1].sum(), 1, rtol=1e-12)
+    if red:
+        assert_allclose(one.to_xyz, colour.rgb_to_xyz_matrix([red, green, blue], white), atol=2e-4)  # printed to four digits
+    assert_allclose(other.to_xyz.sum(axis=1), white_of("Apple Studio Display"), rtol=1e-12)
+    assert np.abs(one.to_xyz - other.to_xyz).max() > 0.01
+
+
+def test_a_picture_that_was_decoded_again_is_meant_for_the_same_display():
+    ((one, _),) = shots([*PLAIN, "decode"], overrides={"display.display": "Display P3"})
+    assert_allclose(one.to_xyz, colour.rgb_to_xyz_matrix([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)], (0.3127, 0.3290)), atol=2e-4)
+
+
 def test_pipelines_without_a_picture_are_refused():
     with pytest.raises(RequestError, match="no demosaicer"):
         ideal(PLAIN[:12])
@@ -183,8 +239,8 @@ def test_pipelines_without_a_picture_are_refused():
 # -- figures ------------------------------------------------------------------------------------------------------
 
 
-def shot(rgb, white=None):
-    return Shot(rgb, white, rgb, rgb, colour.RGB_TO_XYZ_SRGB)
+def shot(rgb, **applied):
+    return Shot(rgb, rgb_linear=rgb, rgb_display=rgb, to_xyz=colour.RGB_TO_XYZ_SRGB, **applied)
 
 
 def test_a_flat_region_is_the_largest_and_of_these_the_one_nearest_grey():
@@ -205,11 +261,37 @@ def test_slow_shading_is_taken_out_of_a_patch_and_its_mean_stays():
     assert_allclose(without_slope(ramp), np.broadcast_to(ramp.mean(axis=(1, 2), keepdims=True), ramp.shape), rtol=1e-13)
 
 
-def test_camera_primaries_are_compared_at_the_white_of_the_ideal_camera():
+def test_gains_and_time_that_were_applied_are_undone_in_camera_primaries():
     rgb = np.random.default_rng(0).uniform(0.1, 0.9, (3, 20, 20))
     gains = np.array([2.0, 1.0, 0.5])
-    found, _, _ = figures(shot(rgb * gains[:, None, None], gains), shot(rgb, np.ones(3)), 30)
+    scaled = rgb * gains[:, None, None] * 3
+    found, _, _ = figures(shot(scaled, gains=gains, exposure_time=0.03), shot(rgb, exposure_time=0.01), 30)
     assert found["psnr_linear"] > 300  # a rounding, if any
+    found, _, _ = figures(shot(rgb), shot(scaled, gains=gains * 3), 30)
+    assert found["psnr_linear"] > 280  # of a picture three times as bright
+    one_knows = figures(shot(rgb, exposure_time=0.03), shot(rgb), 30)[0]  # there is no ratio to undo
+    assert one_knows["psnr_linear"] == np.inf
+
+
+def test_structure_is_compared_in_luma():
+    rng = np.random.default_rng(0)
+    reference = rng.uniform(0.1, 0.9, (3, 20, 20))
+    picture = reference.copy()
+    picture[2] = rng.uniform(0.1, 0.9, (20, 20))  # blue, which luma has little of
+    luma = [np.tensordot([0.2126, 0.7152, 0.0722], one, 1)[None] for one in (picture, reference)]  # ITU-R BT.709
+    found, _, _ = figures(shot(picture), shot(reference), 30)
+    assert_allclose(found["ssim"], measures.ssim(*luma), atol=2e-4)  # printed to four digits
+    assert abs(found["ssim"] - measures.ssim(picture.mean(0, keepdims=True), reference.mean(0, keepdims=True))) > 0.1
+
+
+def test_what_the_display_cannot_show_is_no_difference():
+    rgb = np.random.default_rng(0).uniform(0.1, 0.9, (3, 20, 20))
+    beyond = rgb.copy()
+    rgb[0, :5], rgb[2, 5:9] = 1.0, 0.0
+    beyond[0, :5], beyond[2, 5:9] = 1.7, -0.4
+    found, _, _ = figures(shot(beyond), shot(rgb), 30)
+    assert [found[name] for name in ("de_mean", "de_p95", "scielab_mean", "false_colour")] == [0, 0, 0, 0]
+    assert found["psnr_linear"] < 20
 
 
 def test_small_pictures_and_those_without_a_display_have_unknown_figures():
@@ -268,9 +350,64 @@ def test_wrong_requests_are_named(run, words, message):
     assert message in result.output
 
 
+def test_an_rgb_space_as_display_has_every_figure(run):
+    result = run("--set", "display.display=Display P3", "--json")
+    assert result.exit_code == 0, result.output
+    (row,) = json.loads(result.stdout)["rows"]
+    assert row["de_mean"] > 0 and row["scielab_mean"] > 0
+
+
+@pytest.mark.parametrize("folder", ["tiny.toml", "tiny.toml/inside", "o" * 300])
+def test_a_folder_that_takes_no_files_is_refused_before_anything_is_computed(run, monkeypatch, folder):
+    monkeypatch.setattr(studies.quality, "execute", lambda *_: pytest.fail("it ran"))
+    result = run("-o", folder)
+    assert result.exit_code == 2
+    assert folder in result.output and "folder" in result.output and "archive" not in result.output
+
+
+def test_a_request_with_faults_makes_no_folder(run, tmp_path):
+    assert run("--set", "camera.f_numbr=2", "-o", "out").exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_of_an_earlier_comparison_do_not_stay_beside_a_new_table(run, tmp_path):
+    assert run("--sweep", "f_number=2,8", "-o", "out").exit_code == 0
+    (tmp_path / "out/quality_notes.png").write_bytes(b"mine")
+    result = run("-o", "out", "--pictures", "1")
+    assert [line.split()[1] for line in result.output.splitlines() if line.startswith("file")] == [
+        "out/quality_000.png", "out/quality.json", "out/quality.csv",
+    ]  # fmt: skip
+    names = ["quality.csv", "quality.json", "quality_000.png", "quality_notes.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+
+
+def test_channels_that_were_lifted_to_a_floor_are_a_note():
+    lifting = 'method = "preset"\ngains = [1, 1, 1e4]\nfloor = 0.01\n'
+    found = quality(read([*WHITE, *BEHIND], scene="uniform", white_estimate=lifting), installed_stages())
+    assert any("white_estimate has channels of the white which were lifted to the floor" in note for note in found.notes)
+
+
 def test_a_cell_that_breaks_is_a_row_with_its_reason(run):
     result = run("--set", "camera.peak_qe=[0.36, 0.44, 0.0]", "--json")  # blue is dead: no white
     assert result.exit_code == 3
     (row,) = json.loads(result.stdout, parse_constant=pytest.fail)["rows"]
     assert row["status"] == "failed" and "dead channel" in row["reason"] and row["psnr_linear"] is None
     assert "dead channel" in run("--set", "camera.peak_qe=[0.36, 0.44, 0.0]").output
+
+
+def test_a_dark_picture_is_not_near_the_ideal_because_it_is_dark():
+    """A hundredth of the light: absolute errors shrink, errors by the picture's own brightest value grow."""
+    rows = measured(overrides={"sweep.integration_time": ["0.08 ms", "8 ms"]}).rows
+    assert rows[0]["psnr_linear"] < rows[1]["psnr_linear"] - 3
+
+
+def test_a_stage_cannot_be_kept_and_left_out():
+    with pytest.raises(RequestError, match="--without lens and --keep lens"):
+        quality(read(), installed_stages(), without=("lens",), keep=("lens",))
+
+
+def test_what_the_plan_warns_of_stands_beside_the_figures():
+    from etendue.plan.planner import make_plan
+
+    warned = make_plan(read(overrides={"camera.pixel_pitch": "2 um"}), installed_stages()).warnings
+    assert warned and set(warned) <= set(measured(overrides={"camera.pixel_pitch": "2 um"}).notes)

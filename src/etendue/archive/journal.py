@@ -32,6 +32,7 @@ class Entry:
     seconds: float = 0.0
     clipped: float = 0.0
     clipped_flux: float = 0.0
+    floored: float = 0.0
 
 
 class Journal:
@@ -66,7 +67,7 @@ class Journal:
         self._append(
             {
                 "event": entry.event, "cell": cell, "key": entry.key, "status": entry.status, "seconds": round(entry.seconds, 7),
-                "clipped": entry.clipped, "clipped_flux": entry.clipped_flux,
+                "clipped": entry.clipped, "clipped_flux": entry.clipped_flux, "floored": entry.floored,
                 "files": [[f.path, f.size, f.digest] for f in entry.files],
             }
             for cell, entry in pairs
@@ -132,7 +133,7 @@ def _read(path: Path) -> tuple[dict[str, Entry], dict[str, dict[str, list[Any]]]
             files = tuple(Written(*f) for f in value.get("files", ()))
             entries[value["cell"]] = Entry(
                 value["event"], value["key"], files, value.get("status", "done"), value.get("seconds", 0.0),
-                value.get("clipped", 0.0), value.get("clipped_flux", 0.0),
+                value.get("clipped", 0.0), value.get("clipped_flux", 0.0), value.get("floored", 0.0),
             )  # fmt: skip
         except (msgspec.DecodeError, KeyError, TypeError, AttributeError):
             continue

@@ -57,7 +57,9 @@ class MemoryArchive:
             if ref in status:
                 flags[index] = STATUS.index(status[ref])
         data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
-        coordinates = {name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items()}
+        coordinates = {  # a variable named like its own axis stands in the place of the axis values, as in the store
+            name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
+        }
         if BOUNDS in coordinates:
             data[BOUNDS] = coordinates.pop(BOUNDS)
         return xarray.Dataset(data, coordinates, layout.attrs)

@@ -300,14 +300,8 @@ class Archive:
             if event == "failed":
                 for chunk in self.chunk_paths(self.plan.cells[ref]):
                     (self.folder / chunk.path).unlink(missing_ok=True)
-            lines.append(
-                (
-                    self.names[ref],
-                    Entry(
-                        event, self.plan.cells[ref].key, report.written, report.status, report.seconds, report.clipped, report.clipped_flux
-                    ),
-                )
-            )
+            told = (report.written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
+            lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
         self.journal.end(lines)
 
     # -- closing --------------------------------------------------------------------------------------

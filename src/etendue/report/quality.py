@@ -7,8 +7,7 @@ Out: a table; a PNG.
 from __future__ import annotations
 
 import math
-import os
-from pathlib import Path
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -24,9 +23,12 @@ COLUMNS = (
     ("psnr_linear", "PSNR linear", ".2f"), ("psnr_encoded", "PSNR encoded", ".2f"), ("ssim", "SSIM luma", ".4f"),
     ("de_mean", "dE00 mean", ".2f"), ("de_p95", "dE00 95 %", ".2f"), ("scielab_mean", "S-CIELAB mean", ".2f"),
     ("mean_snr", "SNR expected", ".1f"), ("snr_flat", "SNR flat", ".1f"), ("visible_noise", "visible noise", ".2f"),
-    ("dr_emva", "range dB", ".1f"),
+    ("dr_emva", "range dB", ".1f"), ("clipped_fraction", "clipped", ".2%"),
 )  # fmt: skip
-DISPENSABLE = ("psnr_linear", "snr_flat", "dr_emva", "de_p95", "mean_snr")  # in this order, where the terminal is narrow
+DISPENSABLE = (
+    "clipped_fraction", "psnr_linear", "snr_flat", "dr_emva", "de_p95", "mean_snr", "visible_noise", "ssim", "scielab_mean",
+)  # in this order, where the terminal is narrow  # fmt: skip
+UNBOUNDED = 10**4  # columns of a terminal that holds every table
 LONGEST, GAP = 512, 12  # screen pixels: of the longer side of a picture, about; between pictures
 LEAST_SCALE = 5.0  # CIEDE2000 at the top of the colour bar, at least
 
@@ -35,17 +37,20 @@ def print_quality(document: dict[str, Any]) -> None:
     """One line for each cell, and what was compared with what."""
     console, ideal = _out(), document["ideal"]
     known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
+    if not any(_known(row["clipped_fraction"]) and row["clipped_fraction"] > 0 for row in document["rows"]):
+        known = [c for c in known if c[0] != "clipped_fraction"]  # nothing to say
     short = short_axes(axis["name"] for axis in document["axes"])
     axes = [(a["name"], f"{short[a['name']]} {a['units'] or ''}".strip().replace(" ", "\n")) for a in document["axes"]]
     title = f"{document['pipeline']}: each camera against the ideal one of the same scene"
     table, more = _rows(document["rows"], axes, known), []
     for name in DISPENSABLE:
-        if console.measure(table).maximum <= console.width:
+        if not console.is_terminal or _width(console, table) <= console.width:
             break
         more += [column for column in known if column[0] == name]
         known = [column for column in known if column[0] != name]
         table = _rows(document["rows"], axes, known)
     console.print(escape(title), soft_wrap=True)
+    console.width = max(console.width, _width(console, table))  # a number that is cut says nothing; the terminal breaks its line
     console.print(table)
     for row in document["rows"]:
         if row["status"] != "done":
@@ -53,7 +58,12 @@ def print_quality(document: dict[str, Any]) -> None:
             _line(console, row["status"], f"{where}: {row['reason']}")
     swapped = ", ".join(f"{use} in place of {name}" for name, use in ideal["replaced"].items())
     _line(console, "ideal", f"the same pipeline without {', '.join(ideal['left_out']) or 'a lens'}, and {swapped}")
-    _line(console, "PSNR", "dB, full scale 1; dE00: CIEDE2000 on the display; SNR: ratio, as expected and as found in a uniform region")
+    _line(
+        console,
+        "PSNR",
+        "dB, linear to the brightest value of the ideal picture, encoded to 1; dE00: CIEDE2000 on the display; SNR: ratio, as "
+        "expected of the raw frame and as found in a uniform region",
+    )
     _line(console, "seen", f"at {document['samples_per_degree']:g} pixels per degree (S-CIELAB, visible noise)")
     if more:
         _line(console, "more", f"{', '.join(column for _, column, _ in more)}: with --json and -o, and here where the terminal is wider")
@@ -73,12 +83,17 @@ def _rows(rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[t
     return table
 
 
+def _width(console: Console, table: Table) -> int:
+    """Columns that a table takes where nothing holds it back."""
+    return console.measure(table, options=console.options.update(max_width=UNBOUNDED)).maximum
+
+
 def _line(console: Console, word: str, text: str) -> None:
     console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
 
 
-def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str, path: Path) -> None:
-    """Camera, ideal camera and the map of CIEDE2000 in one PNG, at a whole number of screen pixels per pixel.
+def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str) -> bytes:
+    """Camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
 
     ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as to an
     eye that is adapted to it.
@@ -108,13 +123,9 @@ def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: st
     place = figure.add_axes(((4 * GAP + 3 * wide) / width, foot / height, 14 / width, high / height))
     figure.colorbar(image, cax=place)
     place.tick_params(labelsize=8)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        figure.savefig(partial, format="png")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    picture = BytesIO()
+    figure.savefig(picture, format="png")
+    return picture.getvalue()
 
 
 def _known(value: Any) -> bool:

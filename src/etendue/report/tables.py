@@ -14,6 +14,7 @@ import numpy as np
 
 from etendue.plan.model import CellRef, Plan
 from etendue.spec.ports import CellReport
+from etendue.spec.variables import LONG_NAMES
 
 Table = dict[str, Any]
 
@@ -127,6 +128,20 @@ def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
         ),
     }
     return {"arrays": arrays, "attrs": {"title": "one row per stage"}}
+
+
+def floored(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[str]:
+    """A sentence for each stage that lifted something to a floor, such as vanishing channels of a white.
+
+    Such stages count it in variables named ``*_floored``.
+    """
+    texts = []
+    for node in plan.nodes:
+        counts = [r.floored for ref, r in reports.items() if ref[0] == node.name and r.floored > 0]
+        if counts:
+            what = " and ".join(LONG_NAMES.get(v, v.replace("_", " ")) for v in node.writes if v.endswith("_floored"))
+            texts.append(f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} in a cell")
+    return texts
 
 
 def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str]]:

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan
-from etendue.report.tables import headlines, stage_rows
+from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
 
@@ -166,6 +166,7 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "seconds": outcome.seconds,
         "pictures": [str(p) for p in outcome.pictures],
         "reasons": outcome.reasons,
+        "floored": floored(outcome.plan, outcome.reports),
         "failures": [
             {"cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))], "message": r.message, "again": replay(outcome.plan, ref)}
             for r in outcome.failed
@@ -226,6 +227,8 @@ def print_outcome(outcome: Any) -> None:
     if clipped:
         worst = max(clipped, key=lambda r: r.clipped_flux)
         console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
+    for text in floored(outcome.plan, outcome.reports):
+        console.print(f"floored: {escape(text)}", soft_wrap=True)
     for report in outcome.failed[:5]:
         ref = (report.stage, report.index)
         console.print(f"failed: {report.stage} {escape(str(outcome.plan.labels(ref)))}: {escape(report.message)}")

@@ -184,7 +184,8 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = clipped[0] if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
-        return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux)
+        floored = sum(float(np.nansum(arrays[v])) for v in arrays if v.endswith("_floored"))
+        return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
     except (OSError, ArchiveInUse):
         raise  # the machine's fault, or another run owns the archive now: not the stage's, ends the run
     except Exception as error:

@@ -41,6 +41,7 @@ class CellReport:
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
+    floored: float = 0.0  # sum of the variables named *_floored: what was lifted to a floor
 
 
 class Progress(Protocol):

@@ -111,6 +111,8 @@ def half_plane_gain(gain: Any, columns: int) -> float:
 class Inverse(KnownNoise):
     """A restoration by the camera's own transfer function and noise."""
 
+    purpose: ClassVar = "sharpening"
+
     nodes: int = param(
         0, at_least=0, at_most=4096, fidelity=True, reference="0: at every frequency of the picture",
         doc="frequencies per cycle/pixel at which the transfer function is evaluated, cubic between them: 128 for frames above 1 Mpixel",

@@ -31,6 +31,19 @@ def space_to_xyz(name: str) -> Any:
     return spectra.rgb_space_matrix(name)[0]  # XYZ itself as a space: its primaries have no luminance
 
 
+def primaries_to_xyz(display: str) -> Any:
+    """Linear RGB of a display to XYZ, Y = 1 for its white: from its spectra where they are measured, else from those of its space."""
+    if display not in MEASURED:
+        return space_to_xyz(display)
+    found = spectra.colour_matching(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
+    return found / found[1].sum()
+
+
+def is_display(name: Any) -> bool:
+    """Whether a name is that of a measured display or of an RGB space."""
+    return name in (*MEASURED, *OWN) or name in spectra.rgb_space_names()
+
+
 def primaries_to_cones(display: str) -> Any:
     """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the paper).
 

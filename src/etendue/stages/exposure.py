@@ -162,6 +162,7 @@ class ShotNoise(Stage):
 class FullWell(Stage):
     """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
 
+    purpose: ClassVar = "full well"
     reads: ClassVar = {"charge": "... y x [electron]"}
     writes: ClassVar = {"charge": "... y x [electron]"}
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale

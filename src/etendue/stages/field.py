@@ -48,6 +48,7 @@ class LensPsfField(Stage):
     or by blended tiles, whichever is cheaper for the tolerance.
     """
 
+    purpose: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar[float | None] = None  # where the grid cuts a picture's spectrum off there is no bound for every picture
@@ -136,6 +137,7 @@ class Distortion(Stage):
     Where the distorted frame looks beyond the rendered light it sees the mirror image; the plan says by how much.
     """
 
+    purpose: ClassVar = "distortion"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 3.5  # of the quintic spline between samples of opposite signs: 3.3

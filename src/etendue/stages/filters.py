@@ -21,6 +21,7 @@ from etendue.physics import filters
 class Birefringent(Stage):
     """An optical low-pass filter: light split into four equal spots, or two where one separation is 0."""
 
+    purpose: ClassVar = "low-pass filter"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 41.0  # shifts by parts of a sample on a grid that cuts the light's spectrum off, 10000 x 10000; else 1

@@ -19,6 +19,7 @@ from etendue.physics import glare
 class Glare(Stage):
     """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded frame."""
 
+    purpose: ClassVar = "glare"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 1.3  # 1.23 at worst, where the grid cuts a narrow tail's transfer function off

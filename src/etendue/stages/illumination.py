@@ -56,6 +56,7 @@ class Vignetting(Conjugates):
     It multiplies whatever fall-off stands beside it.
     """
 
+    purpose: ClassVar = "vignetting"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     pointwise: ClassVar = True
@@ -104,6 +105,7 @@ class Vignetting(Conjugates):
 class AngularResponse(Conjugates):
     """Pixels see less of the light that comes at an angle for which their microlenses are not made; 1 on the axis."""
 
+    purpose: ClassVar = "angular response"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     pointwise: ClassVar = True

@@ -22,6 +22,7 @@ from etendue.stages.conjugates import Cone
 class Blur(Stage):
     """A transfer function on irradiance. A uniform scene does not need it: exactly nothing changes."""
 
+    purpose: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar[float | None] = 1.5  # where the grid cuts the transfer function off: 1.13 diffraction, 1.27 Gaussian at worst

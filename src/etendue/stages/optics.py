@@ -78,6 +78,7 @@ class Irradiance(Conjugates):
 class Falloff(Conjugates):
     """Less light off the axis: cos4, the exact Lambertian disc, or a table of relative illumination."""
 
+    purpose: ClassVar = "falloff"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     pointwise: ClassVar = True

@@ -48,6 +48,7 @@ class PaperExposure(Stage):
     square of q where the paper prints q).
     """
 
+    purpose: ClassVar = "exposure"
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     gain: ClassVar = None  # it jumps at the smallest detectable charge, and clips

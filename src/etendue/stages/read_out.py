@@ -24,6 +24,7 @@ class ReadNoise(Amplifier):
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
     """
 
+    purpose: ClassVar = "read noise"
     reads: ClassVar = {"charge": "... y x [electron]"}
     writes: ClassVar = {"charge": "... y x [electron]"}
     gain: ClassVar = 1.0
@@ -71,6 +72,7 @@ class ReadNoise(Amplifier):
 class LinePattern(Stage):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
+    purpose: ClassVar = "line pattern"
     reads: ClassVar = {"charge": "... y x [electron]"}
     writes: ClassVar = {"charge": "... y x [electron]"}
     gain: ClassVar = 1.0

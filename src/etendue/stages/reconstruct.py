@@ -18,6 +18,7 @@ from etendue.stages.masks import bayer_order, first_pixel, mask_of
 class _Demosaic(Stage):
     """Three channels at every pixel from one, of a Bayer array."""
 
+    purpose: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
@@ -93,6 +94,7 @@ class DemosaicDirectional(_Demosaic):
 class DemosaicAny(Stage):
     """Piecewise-linear between the nearest samples of each channel, for any colour filter array; on Bayer it is the bilinear one."""
 
+    purpose: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     gain: ClassVar = 1.0  # weights are not negative and sum to 1

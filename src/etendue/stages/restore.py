@@ -19,6 +19,7 @@ from etendue.stages.masks import mask_of
 class Laplacian(Stage):
     """Identity + strength x Laplacian (eq. 11)."""
 
+    purpose: ClassVar = "sharpening"
     gain: ClassVar = 1.0 + 16 * 4.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
@@ -73,6 +74,7 @@ class SharpenMosaic(Laplacian):
 class UnsharpMask(Stage):
     """``amount`` times the difference from a Gaussian blur is added."""
 
+    purpose: ClassVar = "sharpening"
     gain: ClassVar = 1.0 + 2 * 10.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 20.0
@@ -107,6 +109,7 @@ class Denoise(KnownNoise):
     side. Each channel on its own. The mean of each channel is kept.
     """
 
+    purpose: ClassVar = "denoising"
     reads: ClassVar = {"rgb_camera": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     negative: ClassVar = "keep"

@@ -22,6 +22,7 @@ from etendue.stages.sensitivity import FLAT, Collecting, collection_at_zero, ele
 class Diffusion(Stage):
     """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
 
+    purpose: ClassVar = "diffusion"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off

@@ -6,8 +6,10 @@ Out: the axis with its values, or the installed alternatives of a stage; faults 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError, nearest
@@ -52,6 +54,24 @@ def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
     if len(values) == 1 and isinstance(values[0], dict) and "from" in values[0]:
         return Asked(key, values[0])
     return Asked(key, values)
+
+
+def labels_of(values: Sequence[Any], units: str) -> list[str]:
+    """What is written beside each of some values of a parameter: as they were given, with the unit, no two alike."""
+    unit = "" if units in ("", "1") else f" {units}"
+    labels: list[str] = []
+    for value in values:
+        if isinstance(value, str):
+            number = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*", value)
+            text = f"{number[1]} {number[2]}" if number and number[2] else f"{number[1]}{unit}" if number else value
+        elif isinstance(value, bool):
+            text = str(value).lower()
+        elif isinstance(value, float):
+            text = f"{value:.12g}{unit}"  # as exact as an axis is
+        else:
+            text = f"{value}{unit}" if isinstance(value, int | Decimal) else str(value)
+        labels.append(text if text not in labels else f"{text} ({len(labels) + 1})")
+    return labels
 
 
 def _split(text: str) -> list[str]:
@@ -110,8 +130,8 @@ def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
 def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
 
-    Transfer functions of earlier stages may always be read. The stage itself comes first. Stages that exist for references
-    (``X_planes``) are none.
+    Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they serve another
+    purpose (``Stage.purpose``) and those that exist for references (``X_planes``) are none.
     """
     own = node.alternatives[0]
     reads, writes = ({str(d) for d in found(own.kind).values()} for found in (reads_of, writes_of))
@@ -128,29 +148,42 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
             continue
         needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
         fits = {str(d) for d in writes_of(kind).values()} == writes and needed <= reads and (needed or not reads)
-        if fits and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
+        same = kind.purpose == own.kind.purpose or not (kind.purpose and own.kind.purpose)
+        if fits and same and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
             chosen.append(name)
     return chosen, broken
 
 
 def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
-    """The same camera at the first value of each axis of its file, and those values."""
+    """The camera alone, and what of it the sweep of its file would have changed.
+
+    Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it holds; where it gives
+    none, the first value of the sweep does.
+    """
     camera, entries, at = dict(pipeline.camera), {e.name: e for e in pipeline.stages}, {}
     for key, written in pipeline.sweep.items():
+        stage, _, name = key.rpartition(".")
+        own = own_value(pipeline, key)
+        if own is not None:
+            at[key] = own
+            continue
         value = (
             written.get("from") if isinstance(written, Mapping) else written[0] if isinstance(written, list | tuple) and written else None
         )
         if value is None:
             continue  # a fault, which the planner reports
-        at[key] = value.get("label", value.get("use")) if isinstance(value, dict) else value
-        stage, _, name = key.rpartition(".")
+        at[key] = value
         if not stage:
             camera[name] = value
-        elif stage in entries and name == "use":
-            table = {"use": value} if isinstance(value, str) else value
-            own = {k: v for k, v in table.items() if k not in ("use", "label")}
-            kept = entries[stage].values if table["use"] == entries[stage].use else {}
-            entries[stage] = replace(entries[stage], use=table["use"], values={**kept, **own})
         elif stage in entries:
             entries[stage] = replace(entries[stage], values={**entries[stage].values, name: value})
     return replace(pipeline, camera=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at
+
+
+def own_value(pipeline: Pipeline, key: str) -> Any:
+    """What a file gives for an axis beside its sweep, as written; None where it gives nothing."""
+    stage, _, name = key.rpartition(".")
+    if not stage:
+        return pipeline.camera.get(name, pipeline.preset.get(name))
+    entry = next((e for e in pipeline.stages if e.name == stage), None)
+    return None if entry is None else entry.use if name == "use" else entry.values.get(name)

@@ -6,12 +6,13 @@ Out: the pipeline with the reference's stages behind its own, and what is to be 
 The reference branches off at ``photon_rate``: `full_planes` stands for everything from the exposure to the demosaicer, and each
 stage behind that is there twice. What corrects the mosaic in front of the demosaicer (``X`` or ``X_mosaic``) is replaced by
 ``X_planes``, where that is installed, and so is what wanders in it. Both branches read one and the same light, white and colour
-matrix, computed once.
+matrix, computed once. Where the compared stage stands in both branches, its axis reaches the reference's stage too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from etendue.errors import RequestError
 from etendue.plan.graph import build_graph
@@ -21,6 +22,7 @@ from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.stage import parameters_of, reads_of
 
 CAMERA, TRISTIMULUS = "rgb_camera", "xyz_scene"
+RESTORING = ("", "sharpening", "denoising")  # purposes of stages that the reference does without when they are compared
 PICTURES = (CAMERA, TRISTIMULUS, "rgb_linear", "xyz_display", "rgb_display")
 Place = tuple[str, str]  # stage and variable
 
@@ -43,7 +45,13 @@ class Branched:
     display: Pair | None  # the encoded picture
     colour: Pair | None  # tristimulus values behind the balance
     without: str  # the compared stage, where the reference does without it
+    counterpart: str  # what stands for the compared stage in the reference; '' where the two branches share it, or nothing does
     notes: tuple[str, ...]
+
+    def axes(self, key: str, values: Any) -> dict[str, Any]:
+        """The lines of a sweep that give an axis to both branches. Nothing depends on more than one of them."""
+        name = key.rpartition(".")[2]
+        return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
 
     def places(self) -> tuple[Place, ...]:
         pairs = [pair for pair in (self.linear, self.display, self.colour) if pair]
@@ -95,8 +103,8 @@ def for_planes(node: Node, registry: Registry) -> str:
     return use if use in registry else ""
 
 
-def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], compared: str, registry: Registry) -> Branched:
-    """Add the reference's stages.
+def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:
+    """Add the reference's stages, where ``key`` is the axis that is compared.
 
     Raises
     ------
@@ -107,10 +115,11 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], compared: str, r
     if demosaic is None or light is None:
         lacking = "photon_rate" if light is None else CAMERA
         raise RequestError(f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for", pipeline.file)
+    compared, _, parameter = key.rpartition(".")
     entries = {entry.name: entry for entry in pipeline.stages}
     added: list[StageEntry] = []
     twin: dict[str, str] = {}
-    without, notes = "", list[str]()
+    without, counterpart, notes = "", "", list[str]()
 
     def add(node: Node | None, use: str, origin: dict[str, str]) -> str:
         """A stage of the reference, with those parameters of the stage that it stands for which it has too."""
@@ -120,16 +129,27 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], compared: str, r
         added.append(StageEntry(name, use, values, origin, f"the reference's {name}"))
         return name
 
+    def corrected(node: Node, name: str) -> str:
+        """The reference's stage for planes, where the axis is a parameter that it has too."""
+        if node.name != compared:
+            return ""
+        if parameter in parameters_of(registry.load(for_planes(node, registry))):
+            return name
+        notes.append(f"in the reference stands {for_planes(node, registry)} as the file says, whatever the value of {key}")
+        return ""
+
     source = light.name
     for node in nodes[nodes.index(light) : nodes.index(demosaic)]:
         if "photocurrent" in node.writes and "photocurrent" in _read(node) and for_planes(node, registry):
             source = add(node, for_planes(node, registry), {"photon_rate": source})
+            counterpart = corrected(node, source) or counterpart
     twin[demosaic.name] = add(None, metered(nodes, "full_planes"), {"photon_rate": source})
     for node in nodes[: nodes.index(demosaic)]:
         if "mosaic_linear" not in node.writes or "mosaic_linear" not in _read(node):
             continue
         if for_planes(node, registry):
             twin[demosaic.name] = add(node, for_planes(node, registry), {CAMERA: twin[demosaic.name]})
+            counterpart = corrected(node, twin[demosaic.name]) or counterpart
         else:
             notes.append(f"the reference does without {node.name}, which works on the mosaic")
     for node in nodes[nodes.index(demosaic) + 1 :]:
@@ -138,8 +158,13 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], compared: str, r
         if node.name == compared and _restores(node):
             twin[node.name] = next(twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
             without = node.name
+            notes.append(
+                f"the reference does without {node.name} and is as blurred as the light on the pixels: what undoes blur counts as an error "
+                "here. The stages restore_* write what they gain in mtf50_gain and what it costs in noise_gain"
+            )
             continue
         twin[node.name] = add(node, node.alternatives[0].use, {port: twin.get(s, s) for port, s, _ in node.inputs[0]})
+        counterpart = twin[node.name] if node.name == compared else counterpart
 
     def pair(node: Node | None, variable: str) -> Pair | None:
         return Pair((node.name, variable), (twin[node.name], variable)) if node is not None and node.name in twin else None
@@ -154,13 +179,13 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], compared: str, r
         linear = last
     branched = replace(pipeline, stages=(*pipeline.stages, *added))
     display = pair(writer(nodes, "rgb_display"), "rgb_display")
-    return Branched(branched, nodes, linear, display, pair(writer(nodes, TRISTIMULUS), TRISTIMULUS), without, tuple(notes))
+    return Branched(branched, nodes, linear, display, pair(writer(nodes, TRISTIMULUS), TRISTIMULUS), without, counterpart, tuple(notes))
 
 
 def _restores(node: Node) -> bool:
-    """Whether a stage changes camera values and looks at nothing else: the truth it aims at is what it was not needed for."""
+    """Whether a stage betters camera values and looks at nothing else: the truth it aims at is what it was not needed for."""
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
-    return reads == {CAMERA} and CAMERA in node.writes
+    return reads == {CAMERA} and CAMERA in node.writes and node.kind.purpose in RESTORING
 
 
 def _free(entries: dict[str, StageEntry], name: str) -> str:

@@ -4,12 +4,14 @@ In:  a pipeline, an axis (`axis.Asked`), how often stages are timed, whether noi
 Out: a ``Comparison``: a row for each alternative, best first, and the pictures to look at.
 
 The alternatives are one axis of one run: everything in front of them, its random numbers too, is computed once and the same for
-all. The reference (`branches`) is what the same pixels would give without noise and mosaic.
+all. The reference (`branches`) is what the same pixels would give without noise and mosaic. Where the axis reaches the reference too,
+each value has one of its own, and the rank goes by what can be held side by side: the finished pictures.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -27,9 +29,9 @@ from etendue.run.segments import Result
 from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
 from etendue.studies import edge
-from etendue.studies.axis import Asked, candidates, check_axis, check_writes, without_sweep
+from etendue.studies.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
 from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
-from etendue.studies.figures import BORDER, colour_figures, display_figures, linear_figures
+from etendue.studies.figures import BORDER, by_its_own_white, colour_figures, display_figures, linear_figures
 
 
 @dataclass
@@ -43,6 +45,7 @@ class Row:
     version: str = ""
     psnr: float | None = None  # dB, where the alternatives give their result
     rmse: float | None = None
+    psnr_white: float | None = None  # the same, full scale the brightest of the value's own reference
     psnr_encoded: float | None = None
     ssim: float | None = None
     delta_e: float | None = None  # mean CIEDE2000
@@ -56,11 +59,10 @@ class Row:
     pareto: bool = False  # nothing is both better and faster
     status: str = "done"  # refused: it cannot serve this pipeline; failed: it broke off
     reason: str = ""
+    position: int | None = None  # on the axis
 
 
-FIGURES = tuple(
-    f.name for f in fields(Row) if f.name not in ("value", "label", "use", "distribution", "version", "pareto", "status", "reason")
-)
+FIGURES = tuple(f.name for f in fields(Row) if f.type == "float | None")
 
 
 @dataclass
@@ -74,11 +76,15 @@ class Comparison:
     reference: Place
     without: str
     noise: str  # 1 frame, or expected values
-    size: tuple[int, int]  # pixels along y and x
-    at: dict[str, Any]  # values taken of the file's own sweep
+    size: tuple[int, int]  # pixels along y and x, of the best
+    at: dict[str, Any]  # what the file's own sweep would have changed: the values that hold
     notes: list[str]
-    pictures: dict[str, Any] = field(default_factory=dict)  # label: (3, y, x), encoded
-    reference_picture: Any = None
+    first: tuple[str, ...] = ()  # those of ``at`` that are the sweep's first, as the file gives no other
+    units: str = ""  # of the axis
+    rank_by: str = "psnr"  # the figure that rows are ranked by
+    own_reference: bool = False  # whether each value has a reference of its own
+    pictures: dict[int, Any] = field(default_factory=dict)  # by position: (3, y, x), encoded
+    reference_pictures: dict[int, Any] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -87,19 +93,20 @@ class Comparison:
 
 def compare(
     pipeline: Pipeline, asked: Asked, repeat: int = 5, expected: bool = False, options: Options | None = None, progress: Any = None,
-    edges: bool = True,
+    edges: bool = True, ready: Callable[[], None] | None = None,
 ) -> Comparison:  # fmt: skip
     """Run the alternatives and measure them.
 
     Parameters
     ----------
-    pipeline : as read; of a sweep in it the first values are taken
+    pipeline : as read; of a sweep in it the values that the file gives beside it are taken, else the first
     asked : the axis
     repeat : how often each alternative is timed; the fastest counts
     expected : whether noise and rounding are left out (expected values)
     options : how the run is done
     progress : ``plan -> Progress`` for the main run, or None
     edges : whether MTF50 is measured, on a second run in front of an edge
+    ready : called once the request is known to be right, before anything is computed
 
     Raises
     ------
@@ -126,41 +133,62 @@ def compare(
             notes.append(f"no other installed stage writes what {asked.stage} writes and reads no more: etendue stages lists them all")
     elif asked.stage:
         check_writes(asked, next(n for n in nodes if n.name == asked.stage), registry)
-    branched = with_reference(base, nodes, asked.stage, registry)
+    first = tuple(key for key in at if own_value(pipeline, key) is None)
+    branched = with_reference(base, nodes, asked.key, registry)
     notes += branched.notes
     wanted = _wanted(branched)
-    plan, values, refused = _planned(replace(branched.pipeline, wanted=wanted, keep=wanted), asked, values, registry)
+    plan, values, refused = _planned(branched, wanted, asked, values, registry)
     plan = _keeping_inputs(plan, asked)
+    if ready:
+        ready()
     outcome = execute(plan, None, options, progress(plan) if progress else None)
-    reader = _Reader(plan, outcome, asked)
-    measured = [_row(reader, branched, i, repeat) for i in range(reader.count)]
+    reader = _Reader(plan, outcome, asked, branched)
+    texts = reader.axis.values if asked.swaps else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
+    measured = [_row(reader, branched, i, str(text), repeat) for i, text in enumerate(texts)]
     if edges and any(row.status == "done" for row in measured):
-        white = reader.of(("white", writer(nodes, "white")))
+        whites = (reader.of(("white", writer(nodes, "white")), i) for i in range(reader.count))
+        white = max((float(np.max(w)) for w in whites if w is not None), default=0.0)
         found_there = edge.measure(branched, plan, asked, values, white, registry, options)
         for i, row in enumerate(measured):
             if row.status == "done":
                 row.mtf50, row.mtf50_reference = found_there.mtf50.get(i), found_there.reference.get(i)
         notes += [found_there.note] if found_there.note else []
-    reference = reader.at(branched.linear.reference, 0)
-    if reference is None:
+    references = {i: reader.at(branched.linear.reference, i) for i in range(reader.count)}
+    if all(r is None for r in references.values()):
         broke = next((r.message.strip().rpartition("\n")[2] for r in outcome.failed), "no reference")
         raise RequestError(f"the pipeline itself fails, whatever stands at {asked.key}: {broke}", pipeline.file)
-    notes += [*_on_the_reference(reference, branched), *reader.shared_faults()]
-    rows = ranked([*measured, *refused])
+    by = rank_by(measured) if reader.own_reference else "psnr"
+    for row in refused if not asked.swaps else ():
+        row.label = labels_of([row.value], reader.axis.units)[0]
+    rows = ranked([*measured, *refused], by)
+    known = {row.position: references[row.position] for row in rows if row.position is not None and references[row.position] is not None}
+    shown = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in known}
+    notes += [*_on_the_references(known, shown, branched, asked), *reader.shared_faults()]
     return Comparison(
         pipeline.name, asked.key, rows, branched.linear.ours, branched.linear.reference, branched.without,
         "expected values, without noise and rounding" if expected else "1 frame, the same draws for all where they stand behind the noise",
-        tuple(reference.shape[-2:]), at, notes, *reader.pictures(branched, measured),
+        tuple(next(iter(known.values())).shape[-2:]), at, notes, first, reader.axis.units, by, reader.own_reference,
+        *reader.pictures(branched, measured),
     )  # fmt: skip
 
 
-def ranked(rows: list[Row]) -> list[Row]:
+def rank_by(rows: Iterable[Row]) -> str:
+    """What rows are ranked by whose references differ: a dark picture has little to lose on a linear scale that all share."""
+    return "psnr_encoded" if all(row.psnr_encoded is not None for row in rows if row.psnr is not None) else "psnr_white"
+
+
+def ranked(rows: list[Row], by: str = "psnr") -> list[Row]:
     """Best first; those without a figure last. Marks the rows that no other is both better and faster than."""
-    ordered = sorted(rows, key=lambda r: (r.psnr is None, -(r.psnr or 0.0), r.seconds or 0.0))
+
+    def order(row: Row) -> tuple[bool, float, float, str]:
+        found = getattr(row, by)
+        return (found is None, -(found or 0.0), row.seconds or 0.0, row.label)
+
+    ordered = sorted(rows, key=order)
     fastest = math.inf
     for row in ordered:
         time = row.seconds_per_mpixel
-        row.pareto = row.psnr is not None and time is not None and time < fastest
+        row.pareto = getattr(row, by) is not None and time is not None and time < fastest
         fastest = time if row.pareto and time is not None else fastest
     return ordered
 
@@ -183,11 +211,12 @@ def _keeping_inputs(plan: Plan, asked: Asked) -> Plan:
     return replace(plan, kept=plan.kept | {(source, variable) for bound in node.inputs for _, source, variable in bound})
 
 
-def _planned(pipeline: Pipeline, asked: Asked, values: Any, registry: Registry) -> tuple[Plan, Any, list[Row]]:
+def _planned(branched: Branched, wanted: tuple[str, ...], asked: Asked, values: Any, registry: Registry) -> tuple[Plan, Any, list[Row]]:
     """The plan of all alternatives that can serve, and rows of those that cannot."""
+    pipeline = replace(branched.pipeline, wanted=wanted, keep=wanted)
 
     def plan_of(chosen: Any) -> Plan:
-        return make_plan(replace(pipeline, sweep={asked.key: chosen}), registry, False)
+        return make_plan(replace(pipeline, sweep=branched.axes(asked.key, chosen)), registry, False)
 
     try:
         return plan_of(values), values, []
@@ -224,29 +253,28 @@ def _as_asked(error: RequestError, asked: Asked) -> RequestError:
 def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
     table = value if isinstance(value, dict) else {"use": value}
     use = str(table.get("use", "")) if asked.swaps else ""
-    row = Row(use or value, str(table.get("label", use)) if asked.swaps else _text(value), use, status="refused", reason=reason)
+    row = Row(use or value, str(table.get("label", use)) if asked.swaps else str(value), use, status="refused", reason=reason)
     if use in registry:
         row.distribution, row.version = registry.installed(use).distribution, registry.installed(use).version
     return row
 
 
-def _text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 class _Reader:
     """Arrays and reports of a run by the position on the axis."""
 
-    def __init__(self, plan: Plan, outcome: Outcome, asked: Asked) -> None:
+    def __init__(self, plan: Plan, outcome: Outcome, asked: Asked, branched: Branched) -> None:
         self.plan, self.outcome, self.asked = plan, outcome, asked
-        self.axis = next((a for a in plan.axes if a.key == asked.key), None)
-        if self.axis is None:
+        axis = next((a for a in plan.axes if a.key == asked.key), None)
+        if axis is None:
             raise RequestError([Fault(f"--axis {asked.key}", "the picture does not depend on it")])
-        self.count = len(self.axis.values)
+        self.axis = axis
+        self.dims = {a.dim for a in plan.axes if a.key in branched.axes(asked.key, None)}  # of both branches
+        self.count = len(axis.values)
+        places = [pair.reference[0] for pair in (branched.linear, branched.display, branched.colour) if pair]
+        self.own_reference = any(self.dims & set(plan.node(name).axes) for name in places)
 
     def ref(self, name: str, position: int) -> CellRef:
-        assert self.axis is not None
-        return (name, tuple(position if dim == self.axis.dim else 0 for dim in self.plan.node(name).axes))
+        return (name, tuple(position if dim in self.dims else 0 for dim in self.plan.node(name).axes))
 
     def at(self, place: Place, position: int) -> Any:
         return self.outcome.arrays.get(self.ref(place[0], position), {}).get(place[1])
@@ -259,14 +287,14 @@ class _Reader:
         """What went wrong at a value of the axis: the first stage that failed."""
         for node in self.plan.nodes:
             report = self.outcome.reports.get(self.ref(node.name, position))
-            if report is not None and report.status == "failed" and self.axis is not None and self.axis.dim in node.axes:
+            if report is not None and report.status == "failed" and self.dims & set(node.axes):
                 own = "" if node.name == self.asked.stage else f"{node.name}: "
                 return own + report.message.strip().rpartition("\n")[2]
         return ""
 
     def shared_faults(self) -> list[str]:
         """Stages that failed for all alternatives alike."""
-        own = {node.name for node in self.plan.nodes if self.axis is not None and self.axis.dim in node.axes}
+        own = {node.name for node in self.plan.nodes if self.dims & set(node.axes)}
         return [f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}" for r in self.outcome.failed if r.stage not in own]
 
     def alternative(self, position: int) -> Alternative | None:
@@ -275,17 +303,18 @@ class _Reader:
         node = self.plan.node(self.asked.stage)
         return node.alternatives[position if self.asked.swaps and len(node.alternatives) > 1 else 0]
 
-    def pictures(self, branched: Branched, rows: list[Row]) -> tuple[dict[str, Any], Any]:
-        """What to look at: encoded pictures by label, and the reference's."""
+    def pictures(self, branched: Branched, rows: list[Row]) -> tuple[dict[int, Any], dict[int, Any]]:
+        """What to look at: encoded pictures by position, and the references'."""
         pair = branched.display or branched.linear
-        found = {row.label: self.at(pair.ours, i) for i, row in enumerate(rows) if row.status == "done"}
-        return {label: p for label, p in found.items() if p is not None}, self.at(pair.reference, 0)
+        done = [row.position for row in rows if row.status == "done" and row.position is not None]
+        ours, theirs = ({i: self.at(where, i) for i in done} for where in (pair.ours, pair.reference))
+        both = [i for i in done if ours[i] is not None and theirs[i] is not None]
+        return {i: ours[i] for i in both}, {i: theirs[i] for i in both}
 
 
-def _row(reader: _Reader, branched: Branched, position: int, repeat: int) -> Row:
-    assert reader.axis is not None
+def _row(reader: _Reader, branched: Branched, position: int, label: str, repeat: int) -> Row:
     value, one = reader.axis.values[position], reader.alternative(position)
-    row = Row(value, _text(value))
+    row = Row(value, label, position=position)
     if one is not None:
         row.use, row.distribution, row.version = one.use, one.distribution, one.version
         row.value = one.use if reader.asked.swaps else value
@@ -297,6 +326,8 @@ def _row(reader: _Reader, branched: Branched, position: int, repeat: int) -> Row
         row.status, row.reason = "refused", f"it gives {picture.shape}, but the reference has {reference.shape} (channel, y, x)"
         return row
     found = linear_figures(picture, reference)
+    if reader.own_reference:
+        found["psnr_white"] = by_its_own_white(picture, reference)
     for pair in (branched.display, branched.colour):
         ours, theirs = (reader.at(pair.ours, position), reader.at(pair.reference, position)) if pair else (None, None)
         if ours is None or theirs is None:
@@ -349,12 +380,21 @@ def seconds_of(reader: _Reader, position: int, repeat: int) -> float | None:
     return best if math.isfinite(best) else None
 
 
-def _on_the_reference(reference: Any, branched: Branched) -> list[str]:
-    """What a reader of the table should know about the picture it was measured on."""
-    notes = []
-    over = float((reference > 1).any(axis=0).mean()) if branched.linear.reference[1] == "rgb_camera" else 0.0
-    if over > 1e-3:
-        notes.append(f"{100 * over:.2g} % of the pixels are beyond clipping, which no alternative restores: lower the exposure to see more")
-    if min(reference.shape[-2:]) <= 4 * BORDER:
+def _on_the_references(references: dict[int, Any], labels: dict[int, str], branched: Branched, asked: Asked) -> list[str]:
+    """What a reader of the table should know about the pictures it was measured on."""
+    notes, variable = [], branched.linear.reference[1]
+    over = {i: float((r > 1).any(axis=0).mean()) if variable == "rgb_camera" else 0.0 for i, r in references.items()}
+    worst = max(over, key=lambda i: over[i])
+    if over[worst] > 1e-3:
+        where = f" at {labels[worst]}" if labels[worst] else ""
+        share = f"{100 * over[worst]:.2g} % of the pixels{where}"
+        notes.append(f"{share} are beyond clipping, which no alternative restores: lower the exposure to see more")
+    sizes = {r.shape[-2:] for r in references.values()}
+    if min(min(size) for size in sizes) <= 4 * BORDER:
         notes.append(f"the picture is too small to drop a border of {BORDER} pixels")
+    if len(sizes) > 1:
+        sized = ", ".join(f"{x} x {y}" for y, x in sorted(sizes))
+        notes.append(f"the pictures have sizes of their own ({sized} pixels): what they show differs too")
+    if variable == "rgb_display" and any(labels.values()):
+        notes.append(f"each {asked.key} gives the same light other numbers: PSNR holds each against a reference in its own numbers")
     return notes

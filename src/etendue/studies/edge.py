@@ -42,8 +42,11 @@ class EdgeFigures:
     note: str = ""
 
 
-def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: Any, registry: Registry, options: Options) -> EdgeFigures:
-    """Run the edge and measure it; what stands in the way is a note, not an exception."""
+def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options) -> EdgeFigures:
+    """Run the edge and measure it; what stands in the way is a note, not an exception.
+
+    ``white``: the brightest that a white surface becomes at any value of the axis, 1 where pixels saturate; 0: not known.
+    """
     try:
         return _measured(branched, plan, asked, values, white, registry, options)
     except (EtendueError, ValueError) as error:
@@ -51,12 +54,14 @@ def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: An
         return EdgeFigures({}, {}, f"no MTF50: {text}")
 
 
-def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: Any, registry: Registry, options: Options) -> EdgeFigures:
+def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options) -> EdgeFigures:
     place, reference = branched.linear.ours, branched.linear.reference
     if place[1] == "rgb_display":
         raise ValueError("the stage writes encoded values, on which no transfer function is defined")
+    if any(n.name == asked.stage and n.is_source for n in branched.nodes):
+        raise ValueError("the scene is the axis, and an edge would have to take its place")
     pipeline, scene, sigma = _edge_pipeline(branched, plan, white)
-    pipeline = replace(pipeline, sweep={**pipeline.sweep, asked.key: values})
+    pipeline = replace(pipeline, sweep={**pipeline.sweep, **branched.axes(asked.key, values)})
     wanted = tuple(f"{s}.{v}" for s, v in (place, reference))
     matrix = writer(branched.nodes, "colour_matrix"), writer(branched.nodes, "white")
     if place[1] == CAMERA and all(matrix):
@@ -68,7 +73,7 @@ def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: 
 
     def at(where: Place, which: int, position: int) -> Any:
         node = made.node(where[0])
-        by_dim = {scene: which, **{a.dim: position for a in made.axes if a.key == asked.key}}
+        by_dim = {a.dim: which if a.dim == scene else position for a in made.axes}
         found = outcome.arrays.get((node.name, tuple(by_dim[dim] for dim in node.axes)), {})
         return found.get(where[1])
 
@@ -82,7 +87,7 @@ def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: 
             raise ValueError("the even field of the same light is dark")
         return crossing(edge / flat, _pixels(sigma, made, position))
 
-    axis = next((a for a in made.axes if a.key == asked.key), None)
+    axis = next((a for a in made.axes if a.dim != scene), None)
     if axis is None:  # nothing of a noise-free camera depends on it
         both = [dict.fromkeys(range(len(values)), mtf50(where, 0)) for where in (place, reference)]
     else:
@@ -124,7 +129,7 @@ def crossing(picture: Any, sigma: float) -> float:
     return float(response.frequency[high - 1] + share * (response.frequency[high] - response.frequency[high - 1]))
 
 
-def _edge_pipeline(branched: Branched, plan: Plan, white: Any) -> tuple[Pipeline, str, float]:
+def _edge_pipeline(branched: Branched, plan: Plan, white: float) -> tuple[Pipeline, str, float]:
     """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the edge, um."""
     sources = [n for n in branched.nodes if n.is_source and "radiance" in n.writes]
     pixel = next((n for n in branched.nodes if n.ends_in_sum), None)
@@ -137,7 +142,7 @@ def _edge_pipeline(branched: Branched, plan: Plan, white: Any) -> tuple[Pipeline
     spacing, softness = (min(pitches), 0.5) if paper else (min(pitches) / 4, 1.0)
     edges = light.bands().edges
     own = source.alternatives[0].values
-    bright = min(BRIGHT, SATURATED / max(float(np.max(white)), 1e-12)) if white is not None else BRIGHT
+    bright = min(BRIGHT, SATURATED / white) if white > 0 else BRIGHT
     common = {
         "white_luminance": own.get("white_luminance") or 1000.0,
         "height": spacing * round((ROWS + 2 * MARGIN) * max(pitches) / spacing),

@@ -29,6 +29,12 @@ def linear_figures(picture: Any, reference: Any) -> dict[str, float | None]:
     return {"psnr": found, "rmse": float(10 ** (-found / 20))}
 
 
+def by_its_own_white(picture: Any, reference: Any) -> float | None:
+    """PSNR where the full scale is the brightest value of the reference: what pictures of different exposure can be ranked by."""
+    peak = float(inside(reference).max())
+    return quality.psnr(inside(picture), inside(reference), peak) if peak > 0 else None
+
+
 def display_figures(picture: Any, reference: Any) -> dict[str, float | None]:
     """PSNR and structural similarity of encoded values."""
     ours, theirs = inside(picture), inside(reference)

@@ -121,7 +121,7 @@ def noise(
     if frames < 1:
         raise RequestError(f"--frames {frames}: expected at least 1")
     alone, taken = without_sweep(pipeline)
-    notes = [f"of the sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
     flat = _flat(alone, registry, reflectance)
     plan = make_plan(flat, registry, leave_out_allowed=False)
     chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -17,23 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from etendue import spectra
 from etendue.errors import RequestError
-from etendue.physics import colour
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
+from etendue.report.tables import floored
 from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
+from etendue.stages.display import is_display, primaries_to_xyz
+from etendue.studies.files import check_folder, finite, write_whole
 from etendue.studies.ideal import Ideal, ideal_of
 from etendue.studies.quality_figures import FLAT_SIZES, UNITS, Shot, figures
 
 PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
 SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}  # taken where the pipeline has them
-DISPLAY_EDGES = tuple(float(w) for w in range(380, 785, 5))
+APPLIED = ("balance_gains", "exposure_time")  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
-Show = Callable[[tuple[int, int], Mapping[str, Any], Shot, Shot, Any], Path | None]
+Show = Callable[[tuple[int, int], Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes] | None]
 
 
 @dataclass
@@ -47,6 +47,7 @@ class Comparison:
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
+    pictures: dict[str, bytes] = field(default_factory=dict)  # PNG by name of a file
 
     @property
     def failed(self) -> int:
@@ -76,6 +77,7 @@ def quality(
     options: Options | None = None,
     progress: Callable[[Plan], Progress] | None = None,
     show: Show | None = None,
+    folder: Path | None = None,
 ) -> Comparison:
     """Run a camera and its ideal, and measure how they differ.
 
@@ -94,22 +96,30 @@ def quality(
         Makes the progress of a plan; the camera's and the ideal one's run one after the other.
     show : callable
         Given for each finished row: its number and the number of rows, the axis values, the two pictures, the map of differences.
-        What it returns is the path of a file, or nothing.
+        What it returns is the name of a PNG and its bytes, or nothing.
+    folder : Path
+        Where the result will be written; it is made before anything is computed.
 
     Raises
     ------
     RequestError
-        Faults of the pipeline, or nothing to compare.
+        Faults of the pipeline, nothing to compare, or a folder that takes no files.
     """
     if not 0 < samples_per_degree < math.inf:
         raise RequestError(f"--samples-per-degree {samples_per_degree:g}: expected a number above 0")
     make_plan(pipeline, registry, leave_out)  # with every fault of the file, in its own words
+    both = sorted(set(without) & set(keep))
+    if both:
+        raise RequestError(f"--without {both[0]} and --keep {both[0]}: one of them")
     ideal = ideal_of(pipeline, registry, without, keep)
     camera_plan = _plan_of(pipeline, registry, leave_out, (*PICTURES, *SCALARS))
     ideal_plan = _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
+    if folder is not None:
+        check_folder(folder)
     camera, perfect = (execute(plan, None, options, progress(plan) if progress else None) for plan in (camera_plan, ideal_plan))
     axes = {axis.key: axis.units for axis in camera_plan.axes}
-    result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=list(ideal.notes))
+    notes = list(dict.fromkeys([*camera_plan.warnings, *ideal.notes]))
+    result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
     flats = 0
     places = list(_places(camera_plan))
     for number, place in enumerate(places):
@@ -129,28 +139,31 @@ def quality(
         row |= found | {name: _scalar(camera, place, name) for name in SCALARS}
         row["flat"] = flat._asdict() if flat else None
         flats += flat is not None
-        if show is not None and (path := show((number, len(places)), {key: row[key] for key in axes}, shot, reference, shown)):
-            result.files.append(str(path))
-    result.notes += _notes(result, camera_plan, flats)
+        if show is not None and (drawn := show((number, len(places)), {key: row[key] for key in axes}, shot, reference, shown)):
+            result.pictures |= dict([drawn])
+    result.notes += [*_notes(result, camera_plan, flats), *floored(camera_plan, camera.reports)]
     return result
 
 
 def write(result: Comparison, folder: Path) -> None:
-    """``quality.json`` and ``quality.csv`` in a folder, each whole or not at all; older ones are replaced."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """``quality.csv``, ``quality.json`` and the pictures in a folder, each whole or not at all; those of an earlier comparison go."""
     keys = [*result.axes, *UNITS, *SCALARS, "status", "reason"]
     units = {**result.axes, **UNITS, **SCALARS}
     lines = [",".join(_quoted(f"{key} [{units[key]}]" if units.get(key) else key) for key in keys)]
     lines += [",".join(_quoted(_cell(row[key])) for key in keys) for row in result.rows]
-    result.files += [str(folder / "quality.json"), str(folder / "quality.csv")]
-    _write(folder / "quality.csv", "\n".join(lines) + "\n")
-    _write(folder / "quality.json", json.dumps(_plain(result.document()), indent=1, allow_nan=False) + "\n")
+    names = [*result.pictures, "quality.json", "quality.csv"]
+    result.files = [str(folder / name) for name in names]
+    table, document = "\n".join(lines) + "\n", json.dumps(finite(result.document()), indent=1, allow_nan=False) + "\n"
+    write_whole(folder, result.pictures | {"quality.json": document.encode(), "quality.csv": table.encode()})
+    for old in folder.glob("quality_[0-9][0-9][0-9]*.png"):
+        if old.name not in names and old.stem.removeprefix("quality_").isdigit():
+            old.unlink()
 
 
-def pictures_to(folder: Path, name: str, most: int) -> Show:
-    """Draws camera, ideal camera and their difference into a folder, for at most so many cells, spread over the sweep."""
+def pictures_of(name: str, most: int) -> Show:
+    """Draws camera, ideal camera and their difference, for at most so many cells, spread over the sweep."""
 
-    def show(which: tuple[int, int], at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> Path | None:
+    def show(which: tuple[int, int], at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes] | None:
         from etendue.report.quality import side_by_side
 
         number, count = which
@@ -158,9 +171,8 @@ def pictures_to(folder: Path, name: str, most: int) -> Show:
         if shown is None or number not in chosen:
             return None
         where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
-        path = folder / f"quality_{number:03d}.png"
-        side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip(), path)
-        return path
+        picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
+        return f"quality_{number:03d}.png", picture
 
     return show
 
@@ -172,7 +184,7 @@ def _plan_of(pipeline: Pipeline, registry: Registry, leave_out: bool, variables:
     """The plan of what is compared, and nothing else kept."""
     whole = make_plan(replace(pipeline, wanted=None, keep=None, faults=()), registry, leave_out)
     texts = [f"{writer}.{variable}" for variable in variables if (writer := _writer(whole, variable))]
-    texts += [f"{white}.white" for white in [_white_in_use(whole)] if white]
+    texts += [f"{name}.{variable}" for variable in APPLIED for name in _behind(whole, "rgb_camera", variable)]
     return make_plan(replace(pipeline, wanted=tuple(texts), keep=tuple(texts)), registry, leave_out)
 
 
@@ -180,14 +192,14 @@ def _writer(plan: Plan, variable: str) -> str | None:
     return next((node.name for node in reversed(plan.nodes) if variable in node.writes), None)
 
 
-def _white_in_use(plan: Plan) -> str | None:
-    """The stage whose white belongs to the last camera primaries: what the stage reads that reads both."""
-    for node in reversed(plan.nodes):
-        for bound in node.inputs:
-            read = {variable: source for _, source, variable in bound}
-            if "rgb_camera" in read and "white" in read:
-                return read["white"]
-    return None
+def _behind(plan: Plan, picture: str, variable: str) -> list[str]:
+    """The stages that write a variable and that a picture comes from."""
+    found, last = set(), _writer(plan, picture)
+    open_ = {last} if last else set()
+    while open_:
+        found |= open_
+        open_ = {source for name in open_ for bound in plan.node(name).inputs for _, source, _ in bound} - found
+    return [node.name for node in plan.nodes if node.name in found and variable in node.writes]
 
 
 def _places(plan: Plan) -> Iterator[dict[str, int]]:
@@ -212,7 +224,7 @@ def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
 
 
 def _array(outcome: Outcome, place: Mapping[str, int], variable: str) -> Any:
-    name = _writer(outcome.plan, variable) if variable != "white" else _white_in_use(outcome.plan) or _writer(outcome.plan, "white")
+    name = _writer(outcome.plan, variable)
     return None if name is None else outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
 
 
@@ -222,23 +234,26 @@ def _scalar(outcome: Outcome, place: Mapping[str, int], name: str) -> float:
 
 
 def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
-    pictures = {variable: _array(outcome, place, variable) for variable in (*PICTURES, "white")}
-    return Shot(**pictures, to_xyz=_display_matrix(outcome.plan, place))
+    pictures = {variable: _array(outcome, place, variable) for variable in PICTURES}
+    gains, times = (
+        [outcome.arrays.get(_ref(outcome, name, place), {}).get(variable) for name in _behind(outcome.plan, "rgb_camera", variable)]
+        for variable in APPLIED
+    )
+    known = [np.asarray(one, np.float64) for one in gains if one is not None]
+    time = next((float(one) for one in times if one is not None and np.ndim(one) == 0), None)
+    return Shot(
+        **pictures, gains=np.prod(known, axis=0) if known else None, exposure_time=time, to_xyz=_display_matrix(outcome.plan, place)
+    )
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
     """Of the display that the picture is meant for; one that is not known by name has the primaries of sRGB."""
-    name = _writer(plan, "rgb_linear")
-    if name is None:
+    if _writer(plan, "rgb_linear") is None:
         return None
-    stage = plan.cells[name, tuple(place[dim] for dim in plan.node(name).axes)].stage
-    display = getattr(stage, "display", "sRGB")
-    return colour.RGB_TO_XYZ_SRGB if display == "sRGB" else _measured(display)
-
-
-def _measured(display: str) -> Any:
-    matrix = spectra.colour_matching(DISPLAY_EDGES).T @ spectra.display_primaries(display, DISPLAY_EDGES)
-    return matrix / matrix[1].sum()
+    writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
+    stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
+    display = next((stage.display for stage in stages if hasattr(stage, "display")), "sRGB")  # 'decode' has none of its own
+    return primaries_to_xyz(display if is_display(display) else "sRGB")
 
 
 def _notes(result: Comparison, plan: Plan, flats: int) -> list[str]:
@@ -269,24 +284,3 @@ def _cell(value: Any) -> str:
 
 def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n') else text
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
-    return value
-
-
-def _write(path: Path, text: str) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)

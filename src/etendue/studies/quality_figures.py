@@ -31,7 +31,8 @@ class Shot:
     """One picture of a camera, in the states that are compared; None where the pipeline has no such stage."""
 
     rgb_camera: Any
-    white: Any = None  # what a white diffuser gives in ``rgb_camera``
+    gains: Any = None  # (channel,), that a balance of the mosaic has put into ``rgb_camera``
+    exposure_time: float | None = None  # s, where it was metered
     rgb_linear: Any = None
     rgb_display: Any = None
     to_xyz: Any = None  # (3, 3), of the display: linear RGB to XYZ, Y = 1 for its white
@@ -60,7 +61,8 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
     if shot.rgb_camera.shape != ideal.rgb_camera.shape:
         raise ValueError(f"the picture is {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they do not overlay")
     found = dict.fromkeys(UNITS, float("nan"))
-    found["psnr_linear"] = quality.psnr(_as_white_of(shot, ideal), ideal.rgb_camera)
+    brightest = float(np.max(ideal.rgb_camera))
+    found["psnr_linear"] = quality.psnr(_as_exposed(shot, ideal), ideal.rgb_camera, brightest if brightest > 0 else 1.0)
     if shot.rgb_display is not None and ideal.rgb_display is not None:
         found["psnr_encoded"] = quality.psnr(shot.rgb_display, ideal.rgb_display)
     if shot.rgb_linear is None or ideal.rgb_linear is None:
@@ -120,11 +122,15 @@ def without_slope(patch: Any) -> Any:
     return patch - down[:, None, None] * y[:, None] - across[:, None, None] * x
 
 
-def _as_white_of(shot: Shot, ideal: Shot) -> Any:
-    """Camera primaries scaled so that white is that of the ideal camera: a mosaic may be balanced before it is demosaiced."""
-    if shot.white is None or ideal.white is None or np.array_equal(shot.white, ideal.white):
+def _as_exposed(shot: Shot, ideal: Shot) -> Any:
+    """Camera primaries as with the time and the gains of the ideal camera: what was applied is undone, whatever white was believed."""
+    scale = np.ones(len(shot.rgb_camera))
+    for gains, sign in ((shot.gains, -1), (ideal.gains, 1)):
+        scale *= 1.0 if gains is None else np.asarray(gains, np.float64) ** sign
+    if shot.exposure_time and ideal.exposure_time:
+        scale *= ideal.exposure_time / shot.exposure_time
+    if np.all(scale == 1):
         return shot.rgb_camera
-    scale = np.asarray(ideal.white, np.float64) / np.asarray(shot.white, np.float64)
     return shot.rgb_camera * scale.astype(shot.rgb_camera.dtype)[:, None, None]
 
 

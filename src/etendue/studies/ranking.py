@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -23,13 +22,14 @@ from rich.table import Table
 from etendue.report.crops import Strip, strip
 from etendue.report.work_precision import Point, work_precision
 from etendue.studies.compare import FIGURES, Comparison, Row
+from etendue.studies.files import finite, write_whole
 
 PLOT, CROPS = "error_against_time.png", "crops.png"
 MOST_CROPS = 9
 NARROW, WIDE, UNBOUNDED = 112, 150, 200  # columns of a terminal that hold all figures, and the distributions beside them
 UNITS = {
-    "psnr": "dB", "psnr_encoded": "dB", "rmse": "1", "ssim": "1", "delta_e": "CIEDE2000", "zipper": "1", "false_colour": "CIELAB",
-    "mtf50": "cycles/pixel", "mtf50_reference": "cycles/pixel", "seconds": "s", "mpixel_per_second": "Mpixel/s",
+    "psnr": "dB", "psnr_white": "dB", "psnr_encoded": "dB", "rmse": "1", "ssim": "1", "delta_e": "CIEDE2000", "zipper": "1",
+    "false_colour": "CIELAB", "mtf50": "cycles/pixel", "mtf50_reference": "cycles/pixel", "seconds": "s", "mpixel_per_second": "Mpixel/s",
     "seconds_per_mpixel": "s/Mpixel",
 }  # fmt: skip
 DISPENSABLE = ("zipper", "false colour")
@@ -40,39 +40,36 @@ def document(found: Comparison) -> dict[str, Any]:
     return {
         "pipeline": found.pipeline,
         "axis": found.key,
-        "rows": [row_document(found.key, number, row) for number, row in enumerate(found.rows, 1)],
+        "rank_by": found.rank_by,
+        "rows": [row_document(found, number, row) for number, row in enumerate(found.rows, 1)],
         "reference": {
             "stage": found.reference[0],
             "variable": found.reference[1],
             "without": found.without or None,
+            "of_each_value": found.own_reference,
         },
         "measured_at": f"{found.variable[0]}.{found.variable[1]}",
         "noise": found.noise,
         "size": list(found.size),
         "at": {key: _plain(value) for key, value in found.at.items()},
-        "units": UNITS,
+        "first_of_sweep": list(found.first),
+        "units": UNITS | ({found.key: found.units} if found.units else {}),
         "notes": found.notes,
     }
 
 
-def row_document(key: str, number: int, row: Row) -> dict[str, Any]:
+def row_document(found: Comparison, number: int, row: Row) -> dict[str, Any]:
     return {
-        key: _plain(row.value),
+        found.key: _plain(row.value),
         "label": row.label,
-        "rank": number if row.psnr is not None else None,
+        "rank": number if getattr(row, found.rank_by) is not None else None,
         "distribution": row.distribution or None,
         "version": row.version or None,
-        **{name: _finite(getattr(row, name)) for name in FIGURES},
+        **{name: finite(getattr(row, name)) for name in FIGURES},
         "pareto": row.pareto,
         "status": row.status,
         "reason": row.reason or None,
     }
-
-
-def _finite(value: float | None) -> float | str | None:
-    if value is None or math.isnan(value):
-        return None
-    return value if math.isfinite(value) else "inf" if value > 0 else "-inf"
 
 
 def _plain(value: Any) -> Any:
@@ -85,11 +82,11 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
     if not console.is_terminal:
         console.width = max(console.width, UNBOUNDED)
     height, width = found.size
-    title = f"{escape(found.pipeline)}: {escape(found.key)} by PSNR at {found.variable[0]}.{found.variable[1]}, {width} x {height} pixels"
+    title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     columns = _columns(found)
     shown = [c for c in columns if console.width >= NARROW or c.name not in DISPENSABLE]
-    origins = {row.label: f"{row.distribution} {row.version}" for row in found.rows if row.distribution}
+    origins = {id(row): f"{row.distribution} {row.version}" for row in found.rows if row.distribution}
     beside = bool(origins) and console.width >= WIDE
     table.add_column("", justify="right", no_wrap=True)
     table.add_column("alternative", overflow="fold")
@@ -98,7 +95,7 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
     if beside:
         table.add_column("from", no_wrap=True)
     for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1):
-        end = [origins.get(row.label, "")] if beside else []
+        end = [origins.get(id(row), "")] if beside else []
         table.add_row(str(number), escape(row.label), *(c.of(row) for c in shown), *end)
     ideal = {row.mtf50_reference for row in found.rows} - {None}
     if len(ideal) == 1:
@@ -115,8 +112,11 @@ def print_comparison(found: Comparison, files: list[Path]) -> None:
         console.print(f"{'file':<10}{escape(str(path))}", soft_wrap=True)
 
 
-def _own_reference(found: Comparison) -> bool:
-    return len({row.mtf50_reference for row in found.rows} - {None}) > 1
+def _ranked_by(found: Comparison) -> str:
+    place = f"{found.variable[0]}.{found.variable[1]}"
+    if found.rank_by == "psnr_encoded":
+        return "PSNR of the encoded picture"
+    return f"PSNR at {place}" + (", full scale the brightest of each reference" if found.rank_by == "psnr_white" else "")
 
 
 class _Column(NamedTuple):
@@ -127,13 +127,14 @@ class _Column(NamedTuple):
 def _columns(found: Comparison) -> list[_Column]:
     columns = [
         _Column("PSNR", lambda r: _number(r.psnr, ".2f")),
+        *([_Column("own scale", lambda r: _number(r.psnr_white, ".2f"))] if found.rank_by == "psnr_white" else []),
         _Column("encoded", lambda r: _number(r.psnr_encoded, ".2f")),
         _Column("dE00", lambda r: _number(r.delta_e, ".2f")),
         _Column("zipper", lambda r: "-" if r.zipper is None else f"{100 * r.zipper:.1f} %"),
         _Column("false colour", lambda r: _number(r.false_colour, ".2f")),
         _Column("MTF50", lambda r: _number(r.mtf50, ".3f")),
     ]
-    if _own_reference(found):  # the axis reaches the reference too
+    if len({row.mtf50_reference for row in found.rows} - {None}) > 1:
         columns.append(_Column("ideal", lambda r: _number(r.mtf50_reference, ".3f")))
     if any(row.seconds is not None for row in found.rows):
         columns.append(_Column("time", lambda r: _milliseconds(r.seconds)))
@@ -141,7 +142,7 @@ def _columns(found: Comparison) -> list[_Column]:
     return columns
 
 
-def _remarks(found: Comparison, origins: dict[str, str]) -> list[tuple[str, str]]:
+def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]]:
     """Lines below the table: a word, and what it is about."""
     lines = []
     for row in found.rows:
@@ -150,19 +151,26 @@ def _remarks(found: Comparison, origins: dict[str, str]) -> list[tuple[str, str]
             lines.append((row.status, f"{row.label}{origin}: {row.reason}"))
     if origins:
         by_origin: dict[str, list[str]] = {}
-        for label, origin in origins.items():
-            by_origin.setdefault(origin, []).append(label)
+        for row in found.rows:
+            if id(row) in origins:
+                by_origin.setdefault(origins[id(row)], []).append(row.label)
         lines += [("from", f"{origin}: {', '.join(labels)}") for origin, labels in by_origin.items()]
     without = f", which does without {found.without}" if found.without else ""
-    each = "; each value has its own" if _own_reference(found) else ""
+    each = "; each value has its own" if found.own_reference else ""
     lines.append(("reference", f"noise-free full planes of the same pixels, through the same later stages{without}{each}"))
+    if found.own_reference:
+        lines.append(("rank", f"by {_ranked_by(found)}: on one linear scale, references of different light cannot be held side by side"))
     lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: of the finished picture"))
     lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free"))
     if any(row.seconds is not None for row in found.rows):
         lines.append(("time", "of the stage alone, one thread; * nothing better is as fast"))
     lines.append(("noise", found.noise))
-    if found.at:
-        lines.append(("at", f"{', '.join(f'{k} = {_plain(v)}' for k, v in found.at.items())}: the first of the file's sweep"))
+    for keys, text in (
+        ([k for k in found.at if k not in found.first], "as the file gives it beside its sweep"),
+        (found.first, "the first of the file's sweep"),
+    ):
+        if keys:
+            lines.append(("at", f"{', '.join(f'{k} = {_plain(found.at[k])}' for k in keys)}: {text}"))
     return lines + [("note", text) for text in found.notes]
 
 
@@ -177,27 +185,47 @@ def _milliseconds(value: float | None) -> str:
 
 
 def write_files(found: Comparison, folder: Path) -> list[Path]:
-    """CSV, JSON, and the pictures that there is something to draw for. Each is written whole or not at all."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = [_write(folder / "compare.csv", csv_text(found).encode()), _write(folder / "compare.json", _json(found).encode())]
-    points = [
-        Point(row.label, row.seconds_per_mpixel, row.rmse, row.pareto)
-        for row in found.rows
-        if row.seconds_per_mpixel and row.rmse  # neither can be 0 on logarithmic axes
-    ]
-    if points:
-        title = f"{found.pipeline}: {found.key}"
-        written.append(_write(folder / PLOT, work_precision(points, title, f"rms error of {found.variable[1]}, full scale 1")))
-    best = [row for row in found.rows if row.label in found.pictures][:MOST_CROPS]
-    if found.reference_picture is not None and best:
-        pictures = [Strip("reference", found.reference_picture)]
-        pictures += [Strip(f"{row.label}  {_number(row.psnr, '.2f')} dB", found.pictures[row.label]) for row in best]
-        encoded = any(row.psnr_encoded is not None for row in best)
-        written.append(_write(folder / CROPS, strip(pictures, encoded, f"{found.pipeline}: where they differ most")))
-    for name in (PLOT, CROPS):  # of an earlier comparison
-        if folder / name not in written:
+    """CSV, JSON, and the pictures that there is something to draw for. All are made before the first is written."""
+    pictures = {PLOT: _plot(found), CROPS: _crops(found)}  # may add a note
+    files = {"compare.csv": csv_text(found).encode(), "compare.json": _json(found).encode()}
+    written = write_whole(folder, files | {name: data for name, data in pictures.items() if data})
+    for name, data in pictures.items():
+        if not data:  # of an earlier comparison
             (folder / name).unlink(missing_ok=True)
     return written
+
+
+def _plot(found: Comparison) -> bytes:
+    """Error against run time, of the figure that the rows are ranked by; empty where there is nothing to draw."""
+    points = []
+    for row in found.rows:
+        figure = getattr(row, found.rank_by)
+        if row.seconds_per_mpixel and figure is not None and math.isfinite(figure):  # neither can be 0 on logarithmic axes
+            points.append(Point(row.label, row.seconds_per_mpixel, 10 ** (-figure / 20), row.pareto))
+    if not points:
+        return b""
+    what = "the encoded picture" if found.rank_by == "psnr_encoded" else found.variable[1]
+    scale = "the brightest of its reference" if found.rank_by == "psnr_white" else "full scale"
+    return work_precision(points, f"{found.pipeline}: {found.key}", f"rms error of {what}, {scale} 1")
+
+
+def _crops(found: Comparison) -> bytes:
+    """The best side by side with the reference of the best; those of other sizes are named in a note."""
+    best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
+    if not best:
+        return b""
+    reference = found.reference_pictures[best[0][1]]
+    alike = [(row, at) for row, at in best if found.pictures[at].shape == reference.shape]
+    if len(alike) < len(best):
+        labels = [row.label for row, at in best if found.pictures[at].shape != reference.shape]
+        found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not in it: {', '.join(labels)}")
+    if not alike:
+        return b""
+    strips = [Strip(f"reference of {best[0][0].label}" if found.own_reference else "reference", reference)]
+    for row, at in alike[:MOST_CROPS]:
+        strips.append(Strip(f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB", found.pictures[at]))
+    encoded = any(row.psnr_encoded is not None for row, _ in alike)
+    return strip(strips, encoded, f"{found.pipeline}: where they differ most")
 
 
 def csv_text(found: Comparison) -> str:
@@ -211,10 +239,3 @@ def csv_text(found: Comparison) -> str:
 
 def _json(found: Comparison) -> str:
     return json.dumps(document(found), indent=1, allow_nan=False) + "\n"
-
-
-def _write(path: Path, data: bytes) -> Path:
-    temporary = path.with_name(path.name + ".partial")
-    temporary.write_bytes(data)
-    os.replace(temporary, path)
-    return path

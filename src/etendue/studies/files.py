@@ -1,0 +1,83 @@
+"""What a study leaves behind: a folder that is known to take files before anything is computed, files that are whole.
+
+In:  a folder; files by name, as bytes; documents with numbers that JSON does not have.
+Out: the files, each whole or not at all; the same documents as JSON holds them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from etendue.errors import Fault, MachineError, RequestError
+
+
+def check_folder(path: Path) -> None:
+    """Make a folder, if it is not there, and see that files can be written into it: before a run, not after it.
+
+    Raises
+    ------
+    RequestError
+        If it is a file, or cannot be made or written into.
+    """
+    try:
+        if path.exists() and not path.is_dir():
+            raise RequestError([Fault(str(path), "is a file; expected a folder, or the name of a new one")])
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise RequestError([Fault(str(path), f"cannot be written into as a folder: {error.strerror or error}")]) from error
+
+
+def write_whole(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write files into a folder, older ones of these names are replaced; nothing takes its name before all are on the disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is not there.
+    files : mapping of name to bytes
+
+    Returns
+    -------
+    list of Path
+        In the order of ``files``.
+
+    Raises
+    ------
+    MachineError
+        If there is no room, or the folder does not take them. No temporary file is left behind.
+    """
+    partial = {folder / name: folder / f".{name}.{os.getpid()}.partial" for name in files}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for temporary, data in zip(partial.values(), files.values(), strict=True):
+            temporary.write_bytes(data)
+        for path, temporary in partial.items():
+            os.replace(temporary, path)
+    except OSError as error:
+        raise MachineError(f"{folder}: the results cannot be written: {error.strerror or error}") from error
+    finally:
+        for temporary in partial.values():
+            with suppress(OSError):  # it was never made
+                temporary.unlink()
+    return list(partial)
+
+
+def finite(value: Any) -> Any:
+    """A document as JSON holds it, at any depth: what is not known (NaN) is None, what has no end is the text "inf" or "-inf"."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(one) for one in value]
+    if not isinstance(value, float) and hasattr(value, "item"):  # of numpy
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
+    return value
