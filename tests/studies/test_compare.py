@@ -486,20 +486,20 @@ def test_its_json_keeps_its_fields_and_has_no_nan(run, registry):
 
 
 def test_pictures_of_an_earlier_comparison_do_not_stay_beside_another(run, tmp_path):
-    run("--axis", "demosaic.use=demosaic_bilinear,demosaic_nearest")
-    run("--axis", "pixel_pitch=3,4")  # a quantity has no time of its own: no plot
-    assert not (tmp_path / "small-compare-demosaic" / "error_against_time.png").exists()
+    run("--axis", "demosaic.use=demosaic_bilinear,demosaic_nearest", "-o", "out")
+    run("--axis", "pixel_pitch=3,4", "-o", "out")  # a quantity has no time of its own: no plot
+    assert not (tmp_path / "out" / "error_against_time.png").exists()
 
 
 def test_an_axis_that_changes_the_size_of_the_frame_has_all_its_files(run, tmp_path):
-    run("--axis", "sharpen.strength=0,1")
-    before = (tmp_path / "small-compare-demosaic" / "crops.png").read_bytes()
-    done = run("--axis", "pixel.rows=40,52")
+    run("--axis", "sharpen.strength=0,1", "-o", "out")
+    before = (tmp_path / "out" / "crops.png").read_bytes()
+    done = run("--axis", "pixel.rows=40,52", "-o", "out")
     assert done.exit_code == 0, done.output
     assert "sizes of their own (48 x 40, 48 x 52 pixels)" in done.output
     assert "crops.png shows pictures of one size" in done.output
-    assert (tmp_path / "small-compare-demosaic" / "crops.png").read_bytes() != before
-    assert len(list((tmp_path / "small-compare-demosaic").iterdir())) == 4
+    assert (tmp_path / "out" / "crops.png").read_bytes() != before
+    assert len(list((tmp_path / "out").iterdir())) == 4
 
 
 def test_nothing_is_written_where_a_picture_cannot_be_drawn(run, tmp_path, monkeypatch):
@@ -507,8 +507,8 @@ def test_nothing_is_written_where_a_picture_cannot_be_drawn(run, tmp_path, monke
         raise ValueError("no ink")
 
     monkeypatch.setattr("etendue.studies.ranking.strip", breaks)
-    assert run("--axis", "sharpen.strength=0,1").exit_code != 0
-    assert list((tmp_path / "small-compare-demosaic").iterdir()) == []
+    assert run("--axis", "sharpen.strength=0,1", "-o", "out").exit_code != 0
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.parametrize("place", ["small.toml", "small.toml/inside"])
@@ -522,7 +522,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_is_computed(run, mon
 
 def test_a_wrong_request_leaves_no_folder(run, tmp_path):
     assert run("--axis", "demosaik.use").exit_code == 2
-    assert not (tmp_path / "small-compare-demosaic").exists()
+    assert not list(tmp_path.glob("small-compare*"))
 
 
 WRONG = {
