@@ -74,7 +74,8 @@ def half_plane_mean(distance: FloatArray, angle: float, softness: float, cell: f
     a, b = (0.5 * float(cell) * size for size in sorted((abs(np.cos(angle)), abs(np.sin(angle))), reverse=True))
     if softness == 0:
         size = np.abs(distance)
-        corner = np.square(np.maximum(a + b - size, 0)) / (8 * a * b) if b > 0 else np.zeros_like(size)
+        with np.errstate(over="ignore"):  # beyond the narrow flank, where the corner is not asked for
+            corner = np.square(np.maximum(a + b - size, 0)) / (8 * a * b) if b > 0 else np.zeros_like(size)
         upper = np.where(size <= a - b, 0.5 + size / (2 * a), 1 - corner)
         return np.where(distance < 0, 1 - upper, upper)
     t = np.clip(distance, -a - b - TAIL * softness, a + b + TAIL * softness)

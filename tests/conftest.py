@@ -1,0 +1,12 @@
+"""Laws are tried on the same examples in every run, so that a change is judged by what it changes.
+
+HYPOTHESIS_PROFILE=explore tries new ones.
+"""
+
+import os
+
+from hypothesis import settings
+
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("explore", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
