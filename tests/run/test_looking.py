@@ -88,6 +88,41 @@ def test_a_probe_is_computed_again_where_what_it_looks_at_changes(overrides, aga
     assert (first.of("parts")[0].key != second.of("parts")[0].key) == again
 
 
+@pytest.mark.parametrize("overrides", [{"scene.wavelength_to": "600 nm"}, {"scene.spacing": "0.75 um"}, {"falloff.use": "distortion"}])
+def test_a_transfer_function_is_keyed_by_the_light_it_is_made_for(overrides):
+    """By the wavelengths, by the grid, and by whether something in front moves light that is in no product."""
+    first, second = plan_of(tail="parts"), plan_of(overrides, tail="parts")
+    assert first.of("parts")[0].key != second.of("parts")[0].key
+
+
+def test_wavelengths_that_are_swept_reach_a_probe():
+    """The scene stands far in front of the stages that are looked at."""
+    assert plan_of({"sweep.scene.wavelength_to": ["600 nm", "700 nm"]}, tail="parts").node("parts").axes == ("scene_wavelength_to",)
+
+
+def test_an_alternative_that_moves_light_reaches_what_looks_at_transfer_functions():
+    """Behind a distortion no product is the camera: the cell in the sweep is the cell alone, in either order of the values."""
+    for uses in (["falloff", "distortion"], ["distortion", "falloff"]):
+        plan = plan_of({"sweep.falloff.use": uses, "wanted": ["resolution.mtf50"]}, tail="")
+        assert plan.node("resolution").axes == ("falloff",)
+        found = of(plan, arrays_of(plan), "resolution", "mtf50")
+        assert [bool(np.isnan(one).all()) for one in found] == [use == "distortion" for use in uses]
+    both = plan_of({"sweep.falloff.use": ["falloff", "vignetting"]}, tail="parts")
+    assert both.node("parts").axes == ()  # neither moves light
+
+
+def test_a_library_behind_a_looked_at_stage_is_part_of_the_key(monkeypatch):
+    """The weights of the channels come from colour-science, though the probe itself asks it nothing."""
+    before = plan_of(tail="parts").of("parts")[0].key
+    for library in ("colour-science", "numpy", "scipy"):
+        with monkeypatch.context() as patched:
+            patched.setattr("etendue.plan.cells.version_of", lambda name, library=library: "another" if name == library else "this")
+            assert plan_of(tail="parts").of("parts")[0].key != before
+            one = plan_of(tail="parts").of("parts")[0].key
+            patched.setattr("etendue.plan.cells.version_of", lambda name: "this")
+            assert plan_of(tail="parts").of("parts")[0].key != one
+
+
 def test_a_stage_whose_effect_is_left_out_is_still_looked_at():
     """Diffusion changes nothing in an even picture, and is part of the camera all the same."""
     plan = plan_of({"scene.use": "uniform", "camera.focal_length": "1 m"}, tail="parts")

@@ -15,7 +15,7 @@ from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
 from etendue.registry import Registry
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import Probe, ends_in_sum, looks, reads_of, writes_of
+from etendue.spec.stage import Probe, ends_in_sum, is_transfer, looks, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
@@ -158,8 +158,11 @@ def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> s
     reach = {dim for node in earlier if node.name in read | seen for dim in node.axes}
     for looked in (n for n in earlier for _, what, names in looks_at if what == "transfer" and n.name in names):
         # a transfer function depends on its stage, and on the wavelengths of the scenes in front of it
-        for node in [looked, *(n for n in _ancestors(looked, earlier) if n.is_source)]:
+        before = _ancestors(looked, earlier)
+        for node in [looked, *(n for n in before if n.is_source)]:
             reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
+        # and on whether one of its alternatives moves light, which no product of transfer functions holds
+        reach |= {n.use_axis for n in before if n.use_axis and len({a.kind.pointwise or is_transfer(a.kind) for a in n.alternatives}) > 1}
     return reach
 
 

@@ -222,6 +222,9 @@ class _Expansion:
             "precision": self.precision,
         }
         libraries = set(stage.libraries) | ({"numpy", "scipy"} if is_random(type(stage)) or node.segment else set())
+        for port, refs in looks_at:
+            if looks(reads_of(one.kind)[port]) == "transfer":
+                libraries |= {"numpy", "scipy"}.union(*(self.cells[ref].stage.libraries for ref in refs))
         fields["versions"] = {name: version_of(name) for name in sorted(libraries)}
         if is_random(type(stage)):
             fields["seed"], fields["name"] = self.pipeline.seed, node.name
