@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +13,14 @@ from scipy.optimize import brentq
 
 import etendue
 from etendue.errors import RequestError
-from etendue.physics import deconvolution, resolution, sampling
+from etendue.physics import deconvolution, resolution, sampling, slanted_edge
+from etendue.plan.planner import make_plan
+from etendue.registry import installed_stages
 from etendue.run.otf import Otf
+from etendue.spec.pipeline import from_document
+from etendue.spec.stage import is_transfer
 from etendue.stages.deconvolve import (
+    NO_TRANSFER,
     RestoreLaplacian,
     RestoreRichardsonLucy,
     RestoreUnsharp,
@@ -264,6 +271,77 @@ def test_either_family_can_be_swapped_in_a_pipeline_and_the_figures_are_those_of
     assert gain.dims == ("f_number",) and np.all(gain > 1.05)
     assert np.all(found.noise_gain.sel(f_number=5.6) > 1)
     assert found.noise_gain.sel(restored="restore_laplacian").values == pytest.approx(2.2405, abs=1e-4)  # of 0.15, whatever the lens
+
+
+def place(picture):
+    """Where the edge stands in the middle of the green plane, pixels."""
+    return slanted_edge.slanted_edge(np.asarray(picture, dtype=float)[1]).place
+
+
+@pytest.mark.parametrize("use", [*WITH_FIGURES[2:], "wiener", "richardson_lucy"])
+def test_where_a_pixel_sees_beside_its_middle_the_edge_is_put_back_in_its_place(use):
+    """A transfer function with a phase: undone by its conjugate, not doubled."""
+    options = {"noise_variance": 1e-5} if "wiener" in use else {"stop": 0.0}
+    document = {
+        **CAMERA,
+        "camera": CAMERA["camera"] | {"f_number": 16.0, "aperture_fraction": 0.36, "integration_time": 1e-3},  # nothing folds
+        "stages": [*CAMERA["stages"][:4], {"use": "full_planes"}, {"use": use, "name": "restored", **options}],
+        "sweep": {"aperture_offset_x": [0.0, 0.2]},
+    }
+    found = etendue.simulate(document, want=["full_planes.rgb_camera", "restored.rgb_camera"])
+    (still, moved), (right, back) = ([place(one) for one in found[name].rgb_camera.values] for name in ("full_planes", "restored"))
+    assert moved == pytest.approx(still - 0.2, abs=1e-3)  # the measure errs by 3e-4
+    within = 1e-3 if "wiener" in use else 0.03  # at a hard edge Richardson-Lucy is not linear, and ten iterations are not the end
+    assert back == pytest.approx(right, abs=within)
+    assert right == pytest.approx(still, abs=within)
+
+
+def behind(use, restoring):
+    stages = [dict(s) for s in CAMERA["stages"]]
+    stages[2], stages[-1] = {"use": use}, {"use": restoring, "name": "restored"}
+    return {**CAMERA, "stages": stages, "camera": CAMERA["camera"] | {"f_number": 11.0}}
+
+
+@pytest.mark.parametrize("use", WITH_FIGURES)
+def test_behind_a_blur_without_a_transfer_function_no_figure_rests_on_the_rest_of_the_camera(use):
+    known = etendue.simulate(behind("diffraction", use))["restored"]
+    unknown = etendue.simulate(behind("aberrations", use))["restored"]
+    assert known.mtf50_gain > 1 and math.isnan(unknown.mtf50_gain)
+    if use in ("restore_laplacian", "restore_unsharp"):  # their filter hangs on no camera
+        assert unknown.noise_gain == known.noise_gain
+    else:
+        assert math.isnan(unknown.noise_gain)
+    assert np.all(np.isfinite(unknown.rgb_camera))
+
+
+@pytest.mark.parametrize("use", ["wiener", "richardson_lucy", *WITH_FIGURES])
+def test_a_plan_says_that_a_blur_is_unknown_to_the_restoration(use):
+    def warnings(lens):
+        return [text for text in make_plan(from_document(behind(lens, use)), installed_stages()).warnings if text.startswith("restored: ")]
+
+    (text,) = warnings("aberrations")
+    assert "what aberrations does to light is no transfer function" in text
+    assert ("NaN" in text) == (use in WITH_FIGURES)
+    assert warnings("diffraction") == warnings("wavefront") == []
+
+
+def test_every_installed_stage_that_moves_light_without_a_transfer_function_is_known_to_the_warning():
+    registry = installed_stages()
+    light = {n: k for n, k in ((n, registry.load(n)) for n in registry.names()) if "irradiance" in k.reads and "irradiance" in k.writes}
+    moving = {n for n, k in light.items() if not is_transfer(k) and not k.pointwise}
+    assert moving - {"real_lens_illumination"} == set(NO_TRANSFER) & set(light)
+    assert {"aberrations", "lens_psf_field", "distortion"} <= moving
+
+
+def test_the_example_of_a_stage_that_looks_at_the_camera_gives_a_transfer_function():
+    guide = (Path(__file__).resolve().parents[2] / "docs" / "plugins.md").read_text(encoding="utf-8")
+    (block,) = (b for b in re.findall(r"^```python\n(.*?)^```$", guide, re.M | re.S) if '"*.transfer [1]"' in b)
+    space = {"np": np}
+    exec(block + "    return camera\n", space)
+    along = 4.0 * np.arange(8)
+    camera = space["run"](None, None, light_of(4.0, 4.0), along, along)
+    assert_allclose(camera[:, 0, 0], 1.0, rtol=1e-14)
+    assert camera.shape == (3, 8, 5) and np.all(np.abs(camera) <= 1 + 1e-14)
 
 
 def test_stages_of_both_families_are_not_alternatives_of_each_other():

@@ -523,7 +523,8 @@ def test_means_over_cells_are_those_of_many_points(name, softness):
 def test_the_flux_of_a_spot_is_in_the_cells_however_narrow_it_is(sigma, where):
     y, x = np.arange(-20, 21) + where, np.arange(-22, 23) - where / 3
     spot = charts.points(y, x, 1000.0, sigma, 0.0, 1.0, 0.0, 1.0)
-    assert_allclose(spot.sum(), 2 * np.pi * sigma**2, rtol=1e-13)
+    # a place has the last bits of 20 um: beside the border of a cell they are a share of a narrow spot
+    assert_allclose(spot.sum(), 2 * np.pi * sigma**2, rtol=1e-13 + 4e-15 / sigma)
     assert spot.min() >= 0
 
 

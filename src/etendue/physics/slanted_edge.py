@@ -130,7 +130,7 @@ def slanted_edge(
 
     Error, noise-free, 200 x 400 pixels, 2 to 40 degrees, Gaussians and diffraction with a pixel: MTF50 within 0.05 %,
     response within 1e-3 below 0.5 cycles/pixel; ``python benchmarks/slanted_edge.py`` prints it. With noise of 1 % of the
-    step, 0.8 % rms of the MTF50; its noise may be a tenth of the step. ``method="iso"`` on the same pictures: -4 to 1 % of
+    step, 0.8 % rms of the MTF50; its noise may be a tenth of the step. ``method="iso"`` on the same pictures: -4 to 5 % of
     MTF50 (``python benchmarks/resolution.py``).
     """
     image, mask = checked(picture, sites)

@@ -11,7 +11,7 @@ among itself (``sharpen.use``); see decision 0023.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -26,7 +26,9 @@ from etendue.stages.restore import Laplacian, UnsharpMask
 BLOCK = 4_000_000  # values of transfer functions held at once
 LOOKS = {"rgb_camera": "channel y x [1]", "transfers": "*.transfer [1]"}
 PICTURE = {"rgb_camera": "channel y x [1]"}
-FIGURES = {**PICTURE, "mtf50_gain": "[1] nan", "noise_gain": "[1]"}
+FIGURES = {**PICTURE, "mtf50_gain": "[1] nan", "noise_gain": "[1] nan"}
+NO_TRANSFER = ("aberrations", "lens_psf_field", "distortion", "real_lens", "real_lens_distortion")  # they move light by its place
+NO_FIGURES = "; mtf50_gain and noise_gain are NaN"
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,11 @@ class System:
     channels: int
     pitch: float
     nodes: int = 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether this is all of the blur: no stage in front moves light without being a transfer function."""
+        return self.otf is None or bool(self.otf.whole)
 
     @classmethod
     def of(cls, transfers: Any, channels: int, pitch: float, nodes: int = 0) -> System:
@@ -89,8 +96,15 @@ def one_channel(values: Any) -> Any:
 
 
 def figures(system: System, response: Callable[[Any], Any], noise_gain: float) -> dict[str, Any]:
-    """``mtf50_gain`` and ``noise_gain`` of a filter with this response (n,) along x."""
-    return {"mtf50_gain": np.array(restoration_gain.mtf50_gain(system.along, response)), "noise_gain": np.array(noise_gain)}
+    """``mtf50_gain`` and ``noise_gain`` of a filter with this response (n,) along x; no gain in MTF50 of a blur half known."""
+    gain = restoration_gain.mtf50_gain(system.along, response) if system.whole else math.nan
+    return {"mtf50_gain": np.array(gain), "noise_gain": np.array(noise_gain)}
+
+
+def unknown_blur(uses: Iterable[str], so: str) -> list[str]:
+    """The warning of a stage that knows the camera by its transfer functions, where light is moved by something else."""
+    found = [use for use in NO_TRANSFER if use in uses]
+    return [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
 
 
 def baseband(frequency: Any) -> Any:
@@ -112,6 +126,7 @@ class Inverse(KnownNoise):
     """A restoration by the camera's own transfer function and noise."""
 
     purpose: ClassVar = "sharpening"
+    without_figures: ClassVar = ""
 
     nodes: int = param(
         0, at_least=0, at_most=4096, fidelity=True, reference="0: at every frequency of the picture",
@@ -128,6 +143,9 @@ class Inverse(KnownNoise):
 
     def system(self, transfers: Any, picture: Any) -> System:
         return System.of(transfers, len(picture), self.pixel_pitch, self.nodes)
+
+    def warn_among(self, uses: Iterable[str]) -> list[str]:
+        return unknown_blur(uses, "only the blur of other stages is undone" + self.without_figures)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,9 +245,13 @@ class RichardsonLucy(Inverse):
 
 @dataclass(frozen=True, kw_only=True)
 class RestoreWiener(Wiener):
-    """``wiener``, with its figures: gain in MTF50 along x of the second channel (green), and factor on white noise there."""
+    """``wiener``, with its figures: gain in MTF50 along x of the second channel (green), and factor on white noise there.
+
+    Both are NaN where a stage in front blurs without a transfer function: the filter is not that of the camera then.
+    """
 
     writes: ClassVar = FIGURES
+    without_figures: ClassVar = NO_FIGURES
 
     def run(self, rgb_camera: Any, transfers: Any) -> dict[str, Any]:
         system = self.system(transfers, rgb_camera)
@@ -239,7 +261,7 @@ class RestoreWiener(Wiener):
         def response(frequency: Any) -> Any:
             return one_channel(self.response(exact, middle, baseband(frequency)))[0]
 
-        noise_gain = half_plane_gain(one_channel(gain), padded_columns(rgb_camera))
+        noise_gain = half_plane_gain(one_channel(gain), padded_columns(rgb_camera)) if system.whole else math.nan
         return {"rgb_camera": picture, **figures(system, response, noise_gain)}
 
 
@@ -248,9 +270,11 @@ class RestoreRichardsonLucy(RichardsonLucy):
     """``richardson_lucy``, with its figures, those of small contrasts on an even ground after the iterations done.
 
     There it is a linear filter of known response. Total variation lowers the price in noise, which is not counted.
+    Both are NaN where a stage in front blurs without a transfer function.
     """
 
     writes: ClassVar = FIGURES
+    without_figures: ClassVar = NO_FIGURES
 
     def run(self, rgb_camera: Any, transfers: Any) -> dict[str, Any]:
         system = self.system(transfers, rgb_camera)
@@ -261,7 +285,8 @@ class RestoreRichardsonLucy(RichardsonLucy):
             return deconvolution.richardson_lucy_response(system.along(baseband(frequency)), iterations, self.start)
 
         gain = deconvolution.richardson_lucy_response(one_channel(transfer), iterations, self.start)
-        return {"rgb_camera": picture, **figures(system, response, half_plane_gain(gain, padded_columns(rgb_camera)))}
+        noise_gain = half_plane_gain(gain, padded_columns(rgb_camera)) if system.whole else math.nan
+        return {"rgb_camera": picture, **figures(system, response, noise_gain)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,6 +307,9 @@ class RestoreLaplacian(Laplacian):
         found = figures(system, response, restoration.noise_gain(self.strength))
         return {"rgb_camera": restoration.sharpen(rgb_camera, self.strength), **found}
 
+    def warn_among(self, uses: Iterable[str]) -> list[str]:
+        return unknown_blur(uses, "mtf50_gain is NaN")
+
 
 @dataclass(frozen=True, kw_only=True)
 class RestoreUnsharp(UnsharpMask):
@@ -300,6 +328,9 @@ class RestoreUnsharp(UnsharpMask):
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
         found = figures(system, response, restoration.unsharp_noise_gain(self.radius, self.amount))
         return {"rgb_camera": restoration.unsharp(rgb_camera, self.radius, self.amount, self.threshold), **found}
+
+    def warn_among(self, uses: Iterable[str]) -> list[str]:
+        return unknown_blur(uses, "mtf50_gain is NaN")
 
 
 def _beside(frequency: Any) -> Any:

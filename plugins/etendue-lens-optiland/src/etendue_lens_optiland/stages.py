@@ -240,6 +240,7 @@ class Illumination(Moved):
     """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
 
     gain: ClassVar[float | None] = banks.BRIGHTEST
+    pointwise: ClassVar = True
     nanoseconds: ClassVar = 8.0
 
     wavelengths: tuple[float, ...] = param(
