@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import special
 
 import etendue
 from etendue.api import Grid, Line
 from etendue.physics import silicon, two_points
 from etendue.physics.transfer import bt709_encode, srgb_encode
 from etendue.run.otf import Otf
-from etendue.stages.edge_resolution import EVERY_FACTOR, FLAGS, EdgeProbe
+from etendue.stages.edge_resolution import EVERY_FACTOR, FLAGS, EdgeProbe, _span
 from etendue.stages.lens import Diffraction
 from etendue.stages.resolution import FACTORS, Resolution
 from etendue.stages.sensor import Diffusion, Pixel
@@ -239,6 +240,124 @@ def test_a_region_in_um_holds_the_edge_that_is_found_in_the_whole():
     none = etendue.simulate(document((nowhere,)))["edge_resolution"].to_dataset()
     assert (none.edge_flags == FLAGS["no_edge"]).all()
     assert np.isnan(none.edge_mtf50).all()
+
+
+def edge_figures(doc):
+    return etendue.simulate(doc)["edge_resolution"].to_dataset()
+
+
+ALL = (*READ_OUT, *COLOUR, "edge_resolution")
+MEDIUM = {"integration_time": 1e-3, "full_well_density": 4000}
+LONG = {**MEDIUM, "integration_time": 4e-3}  # the pixels of the bright field are full
+
+
+@pytest.mark.parametrize(
+    "frame", [{"centre_x": -2000.0}, {"centre_x": 2000.0}, {"centre_y": -2000.0}, {"centre_y": 2000.0}], ids=lambda f: str(*f.items())
+)
+def test_a_region_beside_the_frame_on_any_side_shows_no_edge(frame):
+    """Nothing of it counts from the far side: in light and in the mosaic, whose clipped pixels it does not see either."""
+    region = {"use": "edge_resolution", "region_height": 300.0, "region_width": 400.0, **frame}
+    found = edge_figures(document((*READ_OUT, region), camera=LONG))
+    assert (found.edge_flags == FLAGS["no_edge"]).all()
+
+
+def test_a_region_that_reaches_over_the_frame_is_what_of_it_is_inside():
+    """Its left half stands outside: the stretch that is left starts at the first pixel."""
+    assert _span(-10.0, 20.0, 0.5, 1.0, 100) == (0, 0)
+    assert _span(0.0, 20.0, 0.5, 1.0, 100) == (0, 10)
+    assert _span(100.0, 20.0, 0.5, 1.0, 100) == (90, 100)
+    assert _span(300.0, 20.0, 0.5, 1.0, 100) == (100, 100)
+    assert _span(-300.0, 20.0, 0.5, 1.0, 100) == (0, 0)
+
+
+def test_a_pixel_is_the_cameras_also_in_front_of_it():
+    """The light stands on a grid of 2 um, half a pixel: cycles per pixel are cycles per um times the pitch, at every stage."""
+    found = edge_figures(document(("edge_resolution",)))
+    assert_allclose(found.edge_mtf50_cycles, found.edge_mtf50 * 4.0, rtol=1e-14)
+    assert (np.diff(found.edge_aliasing) < 0).all()  # the same Nyquist, and a lower curve at each stage
+    assert found.edge_aliasing[1] > 0.01  # above the Nyquist frequency of the light's own grid there is nothing of it
+    sharp = edge_figures(document(("edge_resolution",), camera={"pixel_pitch": 8.0, "f_number": 2.0}, rows=64, columns=72))
+    above = sharp.edge_mtf50 > 0.5 / 8.0
+    assert above.any()
+    assert ((sharp.edge_flags & FLAGS["above_nyquist"] > 0) == above).all()
+
+
+def test_effective_resolution_of_an_edge_ends_at_nyquist_in_all_three_units():
+    """8 um: 62.5 line pairs/mm, half a cycle per pixel, one line width per pixel of 64 rows; below it, the measured figure."""
+    sharp = edge_figures(document(("edge_resolution",), camera={"pixel_pitch": 8.0, "f_number": 2.0}, rows=64, columns=72))
+    lens = sharp.sel(stage="lens")
+    assert lens.edge_mtf50 > 0.0625
+    assert_allclose([lens.edge_effective_lp_mm, lens.edge_effective_cycles, lens.edge_effective_line_widths], [62.5, 0.5, 64], rtol=1e-14)
+    found = edge_figures(document(ALL, camera=MEDIUM))
+    per_um = np.minimum(found.edge_mtf50, 0.125)
+    assert (per_um < 0.125).all()
+    assert_allclose(found.edge_effective_lp_mm, 1e3 * per_um, rtol=1e-14)
+    assert_allclose(found.edge_effective_cycles, 4.0 * per_um, rtol=1e-14)
+    assert_allclose(found.edge_effective_line_widths, 2 * 96 * 4.0 * per_um, rtol=1e-14)
+
+
+def test_what_is_clipped_in_the_mosaic_is_flagged_in_every_picture_made_of_it():
+    """Behind it values are mixed, and nothing of them shows that they stand at the end of a scale. What limits is not known."""
+    found = edge_figures(document(ALL, {"integration_time": [1e-3, 4e-3]}, camera=MEDIUM))
+    clipped = (found.edge_flags & FLAGS["clipped"]) > 0
+    assert not clipped.isel(integration_time=0).any()
+    assert_allclose(clipped.isel(integration_time=1), [False] * 4 + [True] * 6)
+    assert np.isfinite(found.limiting_factor[0])
+    assert np.isnan(found.limiting_factor[1])
+
+
+def test_of_a_series_that_exposure_is_looked_at_whose_edge_is_measured():
+    """The second frame is clipped, eight times as long; the first is measured."""
+    read_out = [{"use": "exposure_series", "repeats": 1, "brackets": [0, 3]} if use == "exposure" else use for use in READ_OUT]
+    found = edge_figures(document((*read_out, "edge_resolution"), camera=MEDIUM))
+    assert (found.edge_flags & (FLAGS["clipped"] | FLAGS["no_edge"]) == 0).all()
+    assert np.isfinite(found.limiting_factor)
+    reverse = [{**use, "brackets": [3, 0]} if isinstance(use, dict) else use for use in read_out]
+    assert np.isnan(edge_figures(document((*reverse, "edge_resolution"), camera=MEDIUM)).limiting_factor)
+
+
+def test_what_limits_is_not_said_where_the_gain_of_the_lens_is_not_known():
+    """Behind a warp there is no transfer function: demosaicing is the largest gain that is known, and not for that the limit."""
+    warp = {"use": "distortion", "k1": 0.01}
+    found = edge_figures(document(ALL, middle=(warp,), camera=MEDIUM))
+    assert np.isnan(found.resolution_gain.sel(factor="lens"))
+    assert found.resolution_gain.sel(factor="demosaic") > 1.1
+    assert np.isnan(found.limiting_factor)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(31, 40), (1, 128)])
+def test_a_frame_too_small_to_be_measured_is_not_limited_by_noise(rows, columns):
+    found = edge_figures(document(ALL, rows=rows, columns=columns, camera=MEDIUM))
+    assert found.edge_flags.sel(stage="pixel") == FLAGS["no_edge"]
+    assert np.isnan(found.limiting_factor)
+
+
+@pytest.mark.parametrize("angle", [40.0, -40.0])
+def test_the_analytic_figure_is_that_across_the_edge_and_not_that_of_its_mirror_image(angle):
+    """Oblique astigmatism with defocus resolves 1.6 times as much across one diagonal as across the other."""
+    doc = document(("edge_resolution",), scene={"angle": angle})
+    astigmatic = {"use": "wavefront", "name": "lens", "zernike": [0, 0, 0, 0.05, 0.1]}
+    doc["stages"] = [astigmatic if stage.get("name") == "lens" else stage for stage in doc["stages"]]
+    found = edge_figures(doc)
+    assert (abs(found.edge_difference / found.edge_analytic) < 1.5e-3).all()
+    assert_allclose(found.edge_mtf50.sel(stage="lens"), {40.0: 0.0742, -40.0: 0.0457}[angle], atol=5e-4)
+
+
+def test_of_a_coloured_edge_luminance_is_measured():
+    """Three blurs, one of each colour: the weights of sRGB's Y have an MTF50 of their own, which no plane has."""
+    y, x = np.mgrid[:96, :128]
+    distance = (x - 63.5) * math.cos(0.1) + (y - 47.5) * math.sin(0.1)
+    planes = np.stack([0.1 + 0.4 * (1 + special.erf(distance / (sigma * math.sqrt(2)))) for sigma in (2.5, 1.0, 4.0)])
+
+    def mtf50(picture):
+        grid = Grid.of({"y": Line(96, 0.0, 1.0, "1", (0.0, 4.0)), "x": Line(128, 0.0, 1.0, "1", (0.0, 4.0))})
+        seen = dict.fromkeys((*EdgeProbe.reads, "rgb_linear", "stage"), ())
+        given = {**seen, "rgb_linear": [("display", picture, grid)], "stage": ("display",)}
+        return EdgeProbe(pixel_pitch=4.0).run(**given)["edge_mtf50"][0]
+
+    luminance = np.tensordot((0.2126, 0.7152, 0.0722), planes, 1)
+    assert_allclose(mtf50(planes), mtf50(np.stack([luminance] * 3)), rtol=1e-3)
+    assert all(abs(mtf50(np.stack([plane] * 3)) / mtf50(planes) - 1) > 0.05 for plane in planes)
 
 
 def test_half_a_region_is_refused():

@@ -11,7 +11,7 @@ import math
 import threading
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,20 +31,19 @@ REMEMBERED = 512
 
 @dataclass(frozen=True)
 class Edge:
-    """Frequencies in cycles/pixel along the normal; the interval is NaN where there is no noise."""
+    """Frequencies in cycles per sample of the picture, along the normal; the interval is NaN where there is no noise."""
 
     mtf50: float
     mtf50_low: float
     mtf50_high: float
-    mtf50_limited: float
     mtf10: float
-    aliasing: float
     angle: float
     vertical: bool
-    above_nyquist: bool
     not_reached: bool
     clipped: bool
     noisy: bool
+    frequency: Any = field(repr=False, compare=False)
+    sfr: Any = field(repr=False, compare=False)
 
 
 class Picture:
@@ -170,13 +169,13 @@ def _middle(plane: Any) -> tuple[slice, slice]:
 
 def _certain(found: EdgeResponse, whole: EdgeResolution | None = None) -> Edge:
     return Edge(
-        found.mtf50, math.nan, math.nan, found.mtf50_limited, found.mtf10, found.aliasing, found.angle, found.vertical,
-        found.above_nyquist, found.not_reached, clipped=whole is not None and whole.clipped, noisy=False,
+        found.mtf50, math.nan, math.nan, found.mtf10, found.angle, found.vertical, found.not_reached,
+        clipped=whole is not None and whole.clipped, noisy=False, frequency=found.frequency, sfr=found.sfr,
     )  # fmt: skip
 
 
 def _edge(found: EdgeResolution) -> Edge:
     return Edge(
-        found.mtf50, found.mtf50_low, found.mtf50_high, found.mtf50_limited, found.mtf10, found.aliasing, found.angle, found.vertical,
-        found.above_nyquist, found.not_reached, found.clipped, found.noisy,
+        found.mtf50, found.mtf50_low, found.mtf50_high, found.mtf10, found.angle, found.vertical, found.not_reached,
+        found.clipped, found.noisy, found.response.frequency, found.response.sfr,
     )  # fmt: skip

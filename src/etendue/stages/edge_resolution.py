@@ -14,15 +14,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Labels, Probe, hookimpl, param, quantity
-from etendue.physics import cfa, resolution, transfer
-from etendue.stages.edge_pictures import Edge, Picture, known_edge, once_for
+from etendue.physics import cfa, resolution, slanted_edge, transfer
+from etendue.stages.edge_pictures import Edge, Picture, Window, known_edge, once_for
 from etendue.stages.masks import mask_of
-from etendue.stages.resolution import FACTORS, first_largest, gains, response
+from etendue.stages.resolution import FACTORS, first_largest, gains, picture_height, response
 
 EVERY_FACTOR = (*FACTORS, "demosaic", "noise")
 FLAGS = {"above_nyquist": 1, "not_reached": 2, "clipped": 4, "noisy": 8, "no_edge": 16}
 NOISE_FREE = ("irradiance", "photon_rate")
-NYQUIST, NOISY = 0.5, 0.1  # cycles/pixel; width of an interval from which on noise limits
+NYQUIST, NOISY = 0.5, 0.1  # cycles/pixel of the camera; width of an interval from which on noise limits
 SATURATED = 1e-3  # share of pixels at clipping from which on a mosaic says nothing of its edge
 LUMINANCE = (0.2126390058715104, 0.7151686787677559, 0.0721923153607337)  # of sRGB primaries
 
@@ -38,16 +38,20 @@ class EdgeProbe(Probe):
     encoded ones decoded first with ``encoding``.
 
     ``edge_mtf50`` and its 95 % interval (bootstrap of the rows; NaN where a picture has no noise) and ``edge_mtf50_cycles`` are along
-    the edge's normal; ``edge_analytic`` is the frequency of half contrast of the transfer functions up to there under the scene's
+    the edge's normal. A pixel is the camera's, also where the picture is light in front of it, on a grid of its own: so it is of
+    ``edge_mtf50_cycles``, of ``edge_aliasing`` (share of the line spread's energy above Nyquist), of the flag, and of ``edge_effective_*``:
+    MTF50, but at most Nyquist. ``edge_analytic`` is the frequency of half contrast of the transfer functions up to there under the scene's
     own white, the rendering of its chart included: NaN from the first stage on that is not linear and shift-invariant, the
     mosaic at the latest. ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (half contrast above Nyquist),
-    2 (not reached), 4 (clipped), 8 (interval wider than a tenth), 16 (no edge to be measured).
+    2 (not reached), 4 (clipped: in this picture, or in the mosaic in front of it), 8 (interval wider than a tenth),
+    16 (no edge to be measured).
 
     ``limiting_factor`` is an index into ``factor``: noise where the interval of the mosaic and that of the first picture in
-    camera channels, both ended at Nyquist, are wider than a tenth, or there is no edge to be seen in them; else the largest
+    camera channels, both ended at Nyquist, are wider than a tenth, or hide an edge that the pixels do show; else the largest
     ``resolution_gain``: how many times MTF50 would be without the factor. Lens, diffusion, geometry and sampling are analytic
     (see ``resolution``), demosaic is MTF50 of the pixels over that of the first ``rgb_camera``, each at most Nyquist, noise 1 and
-    the width of the narrower interval over MTF50. It is NaN where pixels are clipped.
+    the width of the narrower interval over MTF50. It is NaN where pixels are clipped, where the analytic gains are not known
+    (a lens that is no transfer function), and where the pixels' own picture, free of noise, shows no edge.
     """
 
     with_grids: ClassVar = True
@@ -67,7 +71,9 @@ class EdgeProbe(Probe):
     beside: ClassVar = ("transfers", "lights", "matrices", "whites")
     writes: ClassVar = {
         "edge_mtf50": "stage [um-1] nan", "edge_mtf50_low": "stage [um-1] nan", "edge_mtf50_high": "stage [um-1] nan",
-        "edge_mtf50_cycles": "stage [pixel-1] nan", "edge_mtf10": "stage [um-1] nan", "edge_aliasing": "stage [1] nan",
+        "edge_mtf50_cycles": "stage [pixel-1] nan", "edge_effective_lp_mm": "stage [mm-1] nan",
+        "edge_effective_cycles": "stage [pixel-1] nan", "edge_effective_line_widths": "stage [1] nan",
+        "edge_mtf10": "stage [um-1] nan", "edge_aliasing": "stage [1] nan",
         "edge_angle": "stage [deg] nan", "edge_analytic": "stage [um-1] nan", "edge_difference": "stage [um-1] nan",
         "edge_flags": "stage [1] uint8", "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
     }  # fmt: skip
@@ -124,15 +130,18 @@ class EdgeProbe(Probe):
         for variable, pictures in given.items():
             for name, array, grid in pictures:
                 found[name] = (variable, self.measured(variable, array, taken[variable], grid), grid.line("x").um()[1])
-        rows = {name: _row(*found[name]) for name in stage}
+        clipped = any(self.clips(array, grid) for _, array, grid in mosaic_linear[:1])
+        rows = {name: _row(*found[name][1:], self.pixel_pitch) for name in stage}
+        _carry(rows, [name for name, *_ in mosaic_linear[:1]], stage, clipped)
         analytic = self.analytic(transfers, weights, [(name, *found[name][:2]) for name in stage])
         edge = {key: np.array([rows[name][key] for name in stage]) for key in _COLUMNS}
         edge["edge_flags"] = edge["edge_flags"].astype(np.uint8)
         known = np.array([analytic[name] for name in stage])
-        clipped = any(float(np.mean(np.asarray(array) >= 1)) > SATURATED for _, array, _ in mosaic_linear[:1])
+        effective = edge["edge_effective_cycles"] / self.pixel_pitch
         gain, limiting = self.limits(transfers, weights, [(name, *found[name]) for name in stage], clipped)
         return {
-            **edge, "edge_analytic": known, "edge_difference": edge["edge_mtf50"] - known,
+            **edge, "edge_effective_lp_mm": effective * 1e3, "edge_effective_line_widths": 2 * effective * picture_height(transfers),
+            "edge_analytic": known, "edge_difference": edge["edge_mtf50"] - known,
             "resolution_gain": gain, "limiting_factor": np.array(limiting),
         }  # fmt: skip
 
@@ -152,19 +161,13 @@ class EdgeProbe(Probe):
     def measured(self, variable: str, array: Any, taken: Callable[[Any], Any], grid: Any) -> Edge | None:
         """The edge of a picture, None where there is none."""
         y, x = grid.line("y"), grid.line("x")
-        (start_y, step), (start_x, _) = y.um(), x.um()
         sites = None
         if variable == "mosaic_linear":
             mask = mask_of(self.pattern)
             if len(mask.channels) > 1:
                 index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
                 sites = index == min(1, len(mask.channels) - 1)
-        window = None
-        if self.region_height > 0:
-            window = (
-                *_span(self.centre_y, self.region_height, start_y, step, y.size),
-                *_span(self.centre_x, self.region_width, start_x, step, x.size),
-            )
+        window = self.window(grid)
         limits = {"mosaic_linear": (-math.inf, 1.0), "rgb_display": (0.0, 1.0)}.get(variable)
 
         def make() -> Edge | None:
@@ -175,6 +178,22 @@ class EdgeProbe(Probe):
             return make()
         weighed = taken(np.eye(len(array), dtype=array.dtype)).tobytes()  # with what the bands are weighed
         return once_for(array, (window, self.tails, weighed), make)
+
+    def window(self, grid: Any) -> Window | None:
+        """The region in a picture, as slices count; None where there is none."""
+        if not self.region_height > 0:
+            return None
+        y, x = grid.line("y"), grid.line("x")
+        (start_y, step), (start_x, _) = y.um(), x.um()
+        top, bottom = _span(self.centre_y, self.region_height, start_y, step, y.size)
+        left, right = _span(self.centre_x, self.region_width, start_x, step, x.size)
+        return top, bottom, left, right
+
+    def clips(self, mosaic: Any, grid: Any) -> bool:
+        """Whether pixels of any colour are clipped where the edge is looked for, in the exposure that is measured."""
+        top, bottom, left, right = self.window(grid) or (0, grid.line("y").size, 0, grid.line("x").size)
+        seen = _first(mosaic, "mosaic_linear")[top:bottom, left:right]
+        return bool(np.count_nonzero(seen >= 1) > SATURATED * seen.size)
 
     # -- what the transfer functions say --------------------------------------------------------------------------
 
@@ -199,24 +218,26 @@ class EdgeProbe(Probe):
         return values
 
     def limits(self, transfers: Any, weights: Any, found: Any, clipped: bool) -> tuple[Any, float]:
-        """(factor,) gains, and the index of what limits; of clipped pixels that is not known."""
+        """(factor,) gains, and the index of what limits, NaN where that is not known."""
         nyquist = 0.5 / self.pixel_pitch
         pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         gain = np.full(len(EVERY_FACTOR), math.nan)
         edges = [edge for *_, edge, _ in found if edge is not None]
         if pixel is not None and pixel.whole and edges:
             gain[: len(FACTORS)] = gains(pixel, weights, _normal(edges[0]), nyquist, self.highest, self.nodes)
-        first = {variable: edge for _, variable, edge, _ in reversed(found)}  # picture of each kind
+        first = {variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)}  # picture of each kind
         if clipped:
             return gain, math.nan
-        before, after = first.get("photon_rate"), first.get("rgb_camera")
+        (before, pixels), (after, behind) = (first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera"))
         if before is not None and after is not None:
-            gain[EVERY_FACTOR.index("demosaic")] = before.mtf50_limited / after.mtf50_limited
-        read_out = [edge for variable, edge in first.items() if variable not in NOISE_FREE]
+            gain[EVERY_FACTOR.index("demosaic")] = _effective(before, pixels) / _effective(after, behind)
+        read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
         two = [first[variable] for variable in ("mosaic_linear", "rgb_camera") if variable in first] or read_out[:1]
-        doubt = min((_doubt(edge) for edge in two if edge is not None), default=math.inf)
+        doubt = min((_doubt(edge, per_pixel) for edge, per_pixel in two if edge is not None), default=math.inf)
         gain[EVERY_FACTOR.index("noise")] = 1.0 + doubt if two and math.isfinite(doubt) else math.nan
-        if edges and two and doubt > NOISY:  # or noise hides an edge that is there
+        if np.isnan(gain[: len(FACTORS)]).any() or (two and before is None):
+            return gain, math.nan
+        if two and doubt > NOISY:  # or noise hides an edge that is there
             return gain, float(EVERY_FACTOR.index("noise"))
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
 
@@ -226,19 +247,41 @@ class EdgeProbe(Probe):
 
 
 _COLUMNS = (
-    "edge_mtf50", "edge_mtf50_low", "edge_mtf50_high", "edge_mtf50_cycles", "edge_mtf10", "edge_aliasing", "edge_angle", "edge_flags",
+    "edge_mtf50", "edge_mtf50_low", "edge_mtf50_high", "edge_mtf50_cycles", "edge_effective_cycles", "edge_mtf10", "edge_aliasing",
+    "edge_angle", "edge_flags",
 )  # fmt: skip
 
 
-def _row(variable: str, edge: Edge | None, step: float) -> dict[str, float]:
+def _row(edge: Edge | None, step: float, pitch: float) -> dict[str, float]:
+    """Of an edge in samples of ``step`` um, with pixels of ``pitch`` um."""
     if edge is None:
         return {**dict.fromkeys(_COLUMNS, math.nan), "edge_flags": FLAGS["no_edge"]}
-    flags = sum(FLAGS[name] for name in FLAGS if getattr(edge, name, False))
+    per_pixel = pitch / step
+    cycles = edge.mtf50 * per_pixel
+    flags = sum(FLAGS[name] for name in FLAGS if getattr(edge, name, False)) + (FLAGS["above_nyquist"] if cycles > NYQUIST else 0)
+    seen = edge.frequency * per_pixel
     return {
         "edge_mtf50": edge.mtf50 / step, "edge_mtf50_low": edge.mtf50_low / step, "edge_mtf50_high": edge.mtf50_high / step,
-        "edge_mtf50_cycles": edge.mtf50,
-        "edge_mtf10": edge.mtf10 / step, "edge_aliasing": edge.aliasing, "edge_angle": edge.angle, "edge_flags": flags,
+        "edge_mtf50_cycles": cycles, "edge_effective_cycles": _effective(edge, per_pixel), "edge_mtf10": edge.mtf10 / step,
+        "edge_aliasing": slanted_edge.folded(seen, edge.sfr) if seen[-1] > NYQUIST else math.nan,
+        "edge_angle": edge.angle, "edge_flags": flags,
     }  # fmt: skip
+
+
+def _carry(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Any, clipped: bool) -> None:
+    """What is clipped in the mosaic is so in all that is made of it."""
+    names = [str(name) for name in stage]
+    if not mosaic or not (clipped or int(rows[mosaic[0]]["edge_flags"]) & FLAGS["clipped"]):
+        return
+    for name in names[names.index(mosaic[0]) :]:
+        rows[name]["edge_flags"] = int(rows[name]["edge_flags"]) | FLAGS["clipped"]
+
+
+def _effective(edge: Edge, per_pixel: float) -> float:
+    """MTF50 in cycles/pixel, but at most Nyquist; NaN where a coarse grid does not see so far."""
+    if edge.not_reached:
+        return NYQUIST if edge.frequency[-1] * per_pixel >= NYQUIST else math.nan
+    return min(edge.mtf50 * per_pixel, NYQUIST)
 
 
 def _normal(edge: Edge) -> tuple[float, float]:
@@ -254,11 +297,12 @@ def _first(array: Any, variable: str) -> Any:
     return array.reshape(-1, *array.shape[-dims:])[0]
 
 
-def _doubt(edge: Edge) -> float:
+def _doubt(edge: Edge, per_pixel: float) -> float:
     """Width of the interval of the effective MTF50, at most Nyquist as it is itself, over it; 0 without noise."""
     if math.isnan(edge.mtf50_high):
         return 0.0
-    return (min(edge.mtf50_high, NYQUIST) - min(edge.mtf50_low, NYQUIST)) / edge.mtf50_limited
+    low, high = (min(end * per_pixel, NYQUIST) for end in (edge.mtf50_low, edge.mtf50_high))
+    return (high - low) / _effective(edge, per_pixel)
 
 
 def _second(weights: Any) -> Any:
@@ -279,9 +323,10 @@ def _luminance(matrices: Any, whites: Any) -> Any:
 
 
 def _span(centre: float, size: float, start: float, step: float, count: int) -> tuple[int, int]:
-    """First and last pixel, as slices count, of a stretch on the image plane."""
+    """First and last pixel, as slices count, of a stretch on the image plane; none where it lies outside."""
     low = round((centre - 0.5 * size - start) / step + 0.5)
-    return max(0, low), min(count, round(low + size / step))
+    high = round(low + size / step)
+    return min(max(low, 0), count), min(max(high, 0), count)
 
 
 @hookimpl
