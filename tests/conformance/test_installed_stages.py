@@ -177,6 +177,8 @@ VARIANTS = {
     "dynamic_range": [{"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0}, {"integration_time": 1e6}, {"dark_doubling": 6.0}],
     "lens_numbers": [{"f_number": 0.5}, {"magnification": -1.0}, {"focus_distance": 2000.0, "pupil_magnification": 0.4}],
     "resolution": [{"highest": 0.01}, {"nodes": 16}, {"angle": 37.0}, {"rendering": True, "pixel_pitch": 0.5}],
+    "star_resolution": [{"cycles": 8, "radius": 8.0, "contrast": 0.8}, {"encoding": "power", "pattern": "mono"}],
+    "leaves_resolution": [{"encoding": "power", "pattern": "mono"}],
     "edge_resolution": [{"region_height": 5.0, "region_width": 5.0}, {"encoding": "power", "tails": False, "pattern": "mono"}],
 }
 CASES = [
