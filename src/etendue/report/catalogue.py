@@ -26,7 +26,7 @@ GROUPS: tuple[tuple[str, frozenset[str]], ...] = (
     ("exposure, noise and read-out", frozenset({"expected_charge", "charge", "raw"})),
     ("raw corrections", frozenset({"mosaic_linear"})),
     ("reconstruction", frozenset({"rgb_camera"})),
-    ("colour and display", frozenset({"white", "colour_matrix", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display"})),
+    ("colour and display", frozenset({"white", "colour_matrix", "xyz_scene", "lms", "rgb_linear", "xyz_display", "rgb_display"})),
 )
 SCENES, FIGURES = "scenes", "figures and measures"
 
