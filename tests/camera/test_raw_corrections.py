@@ -75,14 +75,14 @@ def test_highlights_are_white_behind_the_balance_and_white_is_equal_in_all_chann
     mosaic = np.full((6, 6), 1.0)
     white = np.array([0.3, 0.5, 0.2])
     line = np.arange(6.0)
-    neutral = stage("balance_mosaic").run(mosaic, white, line, line)
+    neutral = stage("balance_mosaic").run(mosaic, white, 1.0, line, line)
     assert_array_equal(neutral["mosaic_linear"], np.ones((6, 6)))
     assert_array_equal(neutral["white"], [0.5, 0.5, 0.5])
     assert_allclose(neutral["balance_gains"], [5 / 3, 1.0, 2.5], rtol=4e-16)
-    kept = stage("balance_mosaic", highlights="keep").run(mosaic, white, line, line)["mosaic_linear"]
+    kept = stage("balance_mosaic", highlights="keep").run(mosaic, white, 1.0, line, line)["mosaic_linear"]
     assert kept.max() == pytest.approx(2.5, rel=1e-15)
     with pytest.raises(ValueError, match="vanishing"):
-        stage("balance_mosaic").run(mosaic, np.array([0.3, 0.5, 0.0]), line, line)
+        stage("balance_mosaic").run(mosaic, np.array([0.3, 0.5, 0.0]), 1.0, line, line)
 
 
 def test_a_raw_file_has_the_white_of_its_own_numbers_and_not_that_of_the_balanced_mosaic(tmp_path):
@@ -249,11 +249,11 @@ def test_the_plan_says_what_the_correction_costs_and_where_it_ends():
 def test_black_is_left_alone_and_a_table_needs_the_patterns_channels(tmp_path):
     line = np.arange(8.0)
     um = 500.0 * (line - 3.5)
-    black = stage("lens_shading", focal_length=3.0).run(np.zeros((8, 8)), line, line, um, um)["mosaic_linear"]
+    black = stage("lens_shading", focal_length=3.0).run(np.zeros((8, 8)), 1.0, line, line, um, um)["mosaic_linear"]
     assert_array_equal(black, np.zeros((8, 8)))
     (tmp_path / "g.csv").write_text("height_mm,R,G,W\n0,1,1,1\n3,2,2,2\n")
     with pytest.raises(ValueError, match="one column for each"):
-        stage("lens_shading", map="table", table=str(tmp_path / "g.csv")).run(np.zeros((8, 8)), line, line, um, um)
+        stage("lens_shading", map="table", table=str(tmp_path / "g.csv")).run(np.zeros((8, 8)), 1.0, line, line, um, um)
     with pytest.raises(ValueError, match="a table goes with"):
         stage("lens_shading", map="table")
 

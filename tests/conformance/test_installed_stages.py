@@ -144,6 +144,7 @@ VARIANTS = {
         {"conversion_gain": 1.0},
         {"sensitivity_kind": "filter_transmittance"},
         {"sensitivity_per": "energy"},
+        {"render_exposure": 100.0},
     ],
     "white_estimate": [
         {"method": "illuminant"},
@@ -151,7 +152,7 @@ VARIANTS = {
         {"method": "shades_of_grey", "cell": 1},
         {"method": "preset", "gains": (2.1, 1.0, 1.6), "floor": 0.1},
     ],
-    "balance_mosaic": [{"highlights": "keep"}, {"pattern": "X-Trans"}],
+    "balance_mosaic": [{"highlights": "keep"}, {"pattern": "X-Trans"}, {"brightness": "camera"}],
     "lens_shading": [{"strength": 0.0}, {"focal_length": 0.03, "model": "disc"}, {"focal_length": 0.02, "largest_gain": 1.5, "power": 1.0}],
     "lens_shading_planes": [{"strength": 0.0}, {"focal_length": 0.03}],
     "correct_defects": [{"by": "map"}, {"by": "detection"}, {"pattern": "X-Trans", "threshold": 1.0, "contrast": 0.0}],
@@ -167,7 +168,7 @@ VARIANTS = {
     "display": [
         {"display": "Adobe RGB (1998)"},
         {"display": "Apple Studio Display"},
-        {"display": "Typical CRT Brainard 1997", "render_exposure": 100.0},
+        {"display": "Typical CRT Brainard 1997"},
     ],
     "to_cones": [{"display": "Typical CRT Brainard 1997"}, {"display": "sRGB"}],
     "from_cones": [{"display": "Typical CRT Brainard 1997"}, {"display": "ITU-R BT.2020"}],

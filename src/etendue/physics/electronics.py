@@ -1,7 +1,7 @@
 """What the electronics of a sensor do with charge: dark current by temperature, gain, noise by gain, saturation.
 
 In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), well (electrons), codes (DN).
-Out: factor on the dark current, read noise (electrons), charge at saturation (electrons).
+Out: factor on the dark current, read noise (electrons), charge at saturation (electrons), the lowest code of a clipped pixel (DN).
 Sources: Janesick 2001, "Scientific Charge-Coupled Devices" (dark current); EMVA 1288 release 4 linear (doubling
 temperature); Varshni's band gap of silicon as Janesick gives it.
 """
@@ -147,3 +147,38 @@ def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level
     if not 0 <= black_level < 2**bits - 1:
         raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {2**bits - 1}")
     return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)
+
+
+def lowest_clipped_code(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int, sigma: float = 0.0) -> float:
+    """The lowest code that a pixel with a full well, or beyond the converter, comes out with.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+    gain_dn_per_electron : float, DN/electron
+        Above 0.
+    black_level : float, DN
+        From 0 to below the top code.
+    bits : int
+    sigma : float, electrons
+        Noise behind the well: a full one reads up to 4 sigma less (1 of 32,000 pixels reads still less).
+
+    Returns
+    -------
+    float, DN above black
+        That of the top code at most; no less than half of what a noise-free full well gives, however large the noise.
+
+    Raises
+    ------
+    ValueError
+        As `saturation_charge`.
+
+    Notes
+    -----
+    A full well is rounded to a whole code as any charge is; where it lies within 2**-8 DN below a step, the code under the step counts,
+    as single precision may take it for that.
+    """
+    filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
+    noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)
+    code = math.floor(noisy + black_level + 0.5 - 2**-8) - black_level
+    return max(min(float(code), 2**bits - 1 - float(black_level)), 0.5 * filled)

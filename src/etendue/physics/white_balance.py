@@ -1,7 +1,7 @@
 """White balance in front of the demosaicer: which white the mosaic shows, and how its channels are made equal.
 
 In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; whites by channel.
-Out: whites, gains, balanced mosaics, the angle between two whites.
+Out: whites, gains, balanced mosaics, the level shown as white, the angle between two whites.
 Sources: Buchsbaum 1980, J. Franklin Inst. 310 (grey world); Land and McCann 1971, J. Opt. Soc. Am. 61 (white patch); Finlayson and
 Trezzi 2004, Color Imaging Conf. 12 (a power between the two). What they share: an estimate is as good as its assumption about the scene.
 """
@@ -213,7 +213,7 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
 
 
 def gains_of(white: ArrayLike) -> FloatArray:
-    """Gains that make all channels of a white equal to its largest: at least 1, so that what is clipped stays at 1 or above.
+    """Gains that make all channels of a white equal to its largest: at least 1, so that what is clipped stays where it was or above.
 
     Parameters
     ----------
@@ -232,6 +232,33 @@ def gains_of(white: ArrayLike) -> FloatArray:
     """
     found, _ = lifted(white, 0.0)
     return found.max() / found
+
+
+def display_white(white: float, clipped: float, fixed: bool = False) -> float:
+    """The level of a balanced picture that is shown as the display's white.
+
+    Parameters
+    ----------
+    white : float, above 0
+        What the scene's white would read if nothing clipped.
+    clipped : float, above 0
+        The lowest level at which a balanced channel clips.
+    fixed : bool
+        Whether brightness is that of the camera, not that of the scene.
+
+    Returns
+    -------
+    float
+        ``clipped`` at most, so that what is clipped is never grey.
+
+    Raises
+    ------
+    ValueError
+        For levels at or below 0, or without a value.
+    """
+    if not (white > 0 and 0 < clipped < np.inf):
+        raise ValueError(f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0")
+    return clipped if fixed else min(white, clipped)
 
 
 def balanced(

@@ -130,16 +130,18 @@ def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     return {"arrays": arrays, "attrs": {"title": "one row per stage"}}
 
 
-def floored(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[str]:
+def floored(plan: Plan, reports: Mapping[CellRef, CellReport], ending: str = "_floored") -> list[str]:
     """A sentence for each stage that lifted something to a floor, such as vanishing channels of a white.
 
-    Such stages count it in variables named ``*_floored``.
+    Such stages count it in variables named ``*_floored``; those named ``*_saturated`` count what lies above saturation.
     """
     texts = []
     for node in plan.nodes:
+        if not any(v.endswith(ending) for v in node.writes):
+            continue
         counts = [r.floored for ref, r in reports.items() if ref[0] == node.name and r.floored > 0]
         if counts:
-            what = " and ".join(LONG_NAMES.get(v, v.replace("_", " ")) for v in node.writes if v.endswith("_floored"))
+            what = " and ".join(LONG_NAMES.get(v, v.replace("_", " ")) for v in node.writes if v.endswith(ending))
             texts.append(f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} in a cell")
     return texts
 

@@ -167,6 +167,7 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "pictures": [str(p) for p in outcome.pictures],
         "reasons": outcome.reasons,
         "floored": floored(outcome.plan, outcome.reports),
+        "overexposed": floored(outcome.plan, outcome.reports, "_saturated"),
         "failures": [
             {"cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))], "message": r.message, "again": replay(outcome.plan, ref)}
             for r in outcome.failed
@@ -229,6 +230,8 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
     for text in floored(outcome.plan, outcome.reports):
         console.print(f"floored: {escape(text)}", soft_wrap=True)
+    for text in floored(outcome.plan, outcome.reports, "_saturated"):
+        console.print(f"overexposed: {escape(text)}; what is clipped is shown as white", soft_wrap=True)
     for report in outcome.failed[:5]:
         ref = (report.stage, report.index)
         console.print(f"failed: {report.stage} {escape(str(outcome.plan.labels(ref)))}: {escape(report.message)}")

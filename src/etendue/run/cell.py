@@ -21,7 +21,7 @@ from etendue.run.jobs import Job
 from etendue.run.otf import transfers_of, weights_of
 from etendue.run.segments import Result, transferred
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
-from etendue.spec.ports import CellReport
+from etendue.spec.ports import COUNTED, CellReport
 from etendue.spec.stage import arguments_of
 
 
@@ -184,7 +184,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = clipped[0] if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
-        floored = sum(float(np.nansum(arrays[v])) for v in arrays if v.endswith("_floored"))
+        floored = sum(float(np.nansum(arrays[v])) for v in arrays if v.endswith(COUNTED))
         return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
     except (OSError, ArchiveInUse):
         raise  # the machine's fault, or another run owns the archive now: not the stage's, ends the run

@@ -90,7 +90,15 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "conversion_gain": (0.0, dict(units="DN/electron", at_least=0, doc="of the converter; 0: full well at the top code")),
     "sensor_serial": ("1", dict(doc="which sensor: fixed patterns are its own")),
     "noise": ("independent", dict(choices=("independent", "common"), doc="draws between cells of a sweep")),
-    "render_exposure": (1.0, dict(above=0, doc="display value of a diffuse white")),
+    "render_exposure": (1.0, dict(above=0, doc="linear display value of a diffuse white, as long as it does not saturate")),
+    "brightness": (
+        "scene",
+        dict(
+            choices=("scene", "camera"),
+            doc="what is shown as display white: the scene's white over render_exposure, at most what saturates; or what saturates, "
+            "as on a camera set to manual, where a shorter exposure is darker",
+        ),
+    ),
 }
 
 

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 
+COUNTED = ("_floored", "_saturated")  # ends of the names of variables that the end of a run speaks of where they are above 0
+
+
 @dataclass(frozen=True)
 class Written:
     """One chunk file: its path below the archive, its size and the digest of its bytes."""
@@ -41,7 +44,7 @@ class CellReport:
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
-    floored: float = 0.0  # sum of the variables named *_floored: what was lifted to a floor
+    floored: float = 0.0  # sum of the variables whose names end in COUNTED
 
 
 class Progress(Protocol):

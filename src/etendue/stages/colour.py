@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import XYZ, Grid, Labels, Stage, hookimpl, param
+from etendue.api import XYZ, Grid, Labels, Stage, hookimpl, param, quantity
 from etendue.physics import colour, white_balance
 from etendue.stages.crosstalk import mixing_of
 from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_of
@@ -105,18 +105,26 @@ class ColourFit(Collecting):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraToXyz(Stage):
-    """Camera primaries over the white, times the fitted matrix: a white diffuser has Y = 1.
+    """Camera primaries over the white, times the fitted matrix: what is shown as display white has Y = 1.
 
-    Where a channel is clipped its true value is unknown. ``highlights = "neutral"`` ends all balanced channels at the
-    level at which the first of them clips, so that what is too bright turns white and not magenta.
+    That is the scene's white, but at most the level at which the first of the balanced channels clips (with
+    ``brightness = "camera"`` always that level), whether ``balance_mosaic`` has seen to it already or not. Where a channel is
+    clipped its true value is unknown: ``highlights = "neutral"`` ends all balanced channels at that level, so that what is too
+    bright turns white and not magenta.
     """
 
-    reads: ClassVar = {"rgb_camera": "channel y x [1]", "white": "channel [1]", "colour_matrix": "component channel [1]"}
+    reads: ClassVar = {
+        "rgb_camera": "channel y x [1]",
+        "white": "channel [1]",
+        "clipping_level": "[1]",
+        "colour_matrix": "component channel [1]",
+    }
     writes: ClassVar = {"xyz_scene": "channel y x [1]"}
     creates: ClassVar = {"channel": XYZ}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
 
+    brightness: str = quantity("brightness")
     highlights: str = param("neutral", choices=("neutral", "keep"), doc="what becomes of clipped channels")
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
@@ -126,13 +134,14 @@ class CameraToXyz(Stage):
             raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit work on the same pattern")
         return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
 
-    def run(self, rgb_camera: Any, white: Any, colour_matrix: Any) -> dict[str, Any]:
+    def run(self, rgb_camera: Any, white: Any, clipping_level: Any, colour_matrix: Any) -> dict[str, Any]:
         if not np.all(white > 0):
             raise ValueError(f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe")
-        balance = 1.0 / np.asarray(white, dtype=float)
-        matrix = np.asarray(colour_matrix, dtype=float) * balance
+        level, clipped = np.asarray(white, dtype=float), float(clipping_level)
+        shown = level * (white_balance.display_white(level.max(), clipped, self.brightness == "camera") / level.max())
+        matrix = np.asarray(colour_matrix, dtype=float) / shown
         if self.highlights == "neutral":
-            ends = (balance.min() / balance).astype(rgb_camera.dtype)
+            ends = (level * (clipped / level.max())).astype(rgb_camera.dtype)
             ended = np.empty_like(rgb_camera)
             for plane, end, out in zip(rgb_camera, ends, ended, strict=True):
                 plane.clip(max=end, out=out)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import RGB, XYZ, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.api import RGB, XYZ, Grid, Labels, Stage, hookimpl, param
 from etendue.physics import colour, transfer
 from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_of
 
@@ -78,7 +78,6 @@ class Display(Stage):
     display: str = param(
         "sRGB", doc="Apple Studio Display, Typical CRT Brainard 1997 (measured spectra), or an RGB space of colour-science"
     )
-    render_exposure: float = quantity("render_exposure")
 
     def __post_init__(self) -> None:
         check_display(self.display)
@@ -95,7 +94,7 @@ class Display(Stage):
         return np.linalg.solve(primaries_to_cones(self.display), fitted)
 
     def run(self, xyz_scene: Any, prepared: Any) -> dict[str, Any]:
-        return {"rgb_linear": colour.apply_matrix(prepared * self.render_exposure, xyz_scene)}
+        return {"rgb_linear": colour.apply_matrix(prepared, xyz_scene)}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (2e-6 if precision == "float32" else 5e-15), "measured"

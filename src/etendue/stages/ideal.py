@@ -80,7 +80,7 @@ class FullPlanesMetered(_Planes):
 class _Mosaic(_Ideal):
     def mosaic(self, time: float, photocurrent: Any) -> dict[str, Any]:
         kind = photocurrent.dtype.type
-        return {"mosaic_linear": np.minimum(photocurrent * kind(self.scale(time)), kind(1))}
+        return {"mosaic_linear": np.minimum(photocurrent * kind(self.scale(time)), kind(1)), "clipping_level": np.array(1.0)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class IdealMosaic(_Mosaic):
     """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where pixels saturate."""
 
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
-    writes: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 2.0
@@ -104,7 +104,7 @@ class IdealMosaicMetered(_Mosaic):
     """``ideal_mosaic`` after the time that the metering has found."""
 
     reads: ClassVar = {"photocurrent": "y x [electron/s]", "exposure_time": "[s]"}
-    writes: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 2.0

@@ -26,11 +26,14 @@ class KnownNoise(GainChain):
         """At 1 of ``mosaic_linear``."""
         return self.white() / self.dn_per_electron()
 
+    def read_sigma(self) -> float:
+        """Read noise at the gain, referred to the pixel, electron."""
+        return float(electronics.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+
     def noise_model(self) -> tuple[float, float]:
         """Variance per value, and in the dark."""
         electrons = self.electrons()
-        read = float(electronics.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
-        return 1 / electrons, (read**2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)) / electrons**2
+        return 1 / electrons, (self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)) / electrons**2
 
     def dark_sigma(self) -> float:
         """Of a pixel in the dark."""

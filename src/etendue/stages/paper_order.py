@@ -22,7 +22,7 @@ class ChargeFraction(Stage):
     """Photocurrent as a share of the full well after a reference time: the noise-free mosaic of the paper's order."""
 
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
-    writes: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = 1.0
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 1.0
@@ -34,7 +34,10 @@ class ChargeFraction(Stage):
 
     def run(self, photocurrent: Any) -> dict[str, Any]:
         capacity = full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
-        return {"mosaic_linear": photocurrent * photocurrent.dtype.type(self.reference_time / capacity)}
+        return {
+            "mosaic_linear": photocurrent * photocurrent.dtype.type(self.reference_time / capacity),
+            "clipping_level": np.array(1.0),  # where paper_exposure clips
+        }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-7 if precision == "float32" else 3e-16), "proved"

@@ -15,6 +15,7 @@ import numpy as np
 from etendue.api import Facts, Grid, Stage, hookimpl, param, quantity
 from etendue.physics import converter, electronics
 from etendue.stages.gain_chain import Amplifier, GainChain, analogue_gain
+from etendue.stages.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,16 +154,26 @@ class Adc(GainChain):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linearise(GainChain):
-    """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept."""
+class Linearise(KnownNoise):
+    """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept.
+
+    ``clipping_level`` is the lowest value that a clipped pixel has: rounding, and noise behind a well that ends below the top code,
+    bring it a little under 1 (four sigma of read noise and offsets).
+    """
 
     reads: ClassVar = {"raw": "... y x [DN] uint16"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]"}
+    writes: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     nanoseconds: ClassVar = 2.0
 
     def run(self, raw: Any) -> dict[str, Any]:
-        return {"mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, self.white())}
+        white = self.white()
+        sigma = math.hypot(self.read_sigma(), self.dsnu)
+        lowest = electronics.lowest_clipped_code(self.well(), self.dn_per_electron(), self.black_level, self.bits, sigma)
+        return {
+            "mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, white),
+            "clipping_level": np.array(lowest / white),
+        }
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (6e-8 if precision == "float32" else 2e-16), "proved"

@@ -40,11 +40,11 @@ class LensShading(Conjugates):
     and the cosine response of ``angular_response``, for the camera's own aperture and focus; parameters are those of these stages,
     and where they differ from theirs the correction is as wrong as the knowledge. ``map = "table"``: a CSV file with gains by
     height, one column for all channels or one for each, such as `etendue.physics.shading.calibrated` makes of a flat field.
-    Black stays black; noise grows with the gain, and the plan says by how much.
+    Black stays black; noise grows with the gain, and the plan says by how much. ``clipping_level`` rises by the smallest gain of the frame.
     """
 
-    reads: ClassVar = {"mosaic_linear": "... y x [1]"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]"}
+    reads: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
+    writes: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
     gain: ClassVar[float | None] = None  # of a table as large as it is
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 8.0
@@ -119,10 +119,11 @@ class LensShading(Conjugates):
         columns = [table.columns.index(channel) for channel in channels] if len(table.columns) > 1 else [0]
         return np.stack([self.weakened(np.interp(1e-3 * radius, table.heights_mm, table.gains[:, column])) for column in columns])
 
-    def run(self, mosaic_linear: Any, y: Any, x: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: Any, clipping_level: Any, y: Any, x: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
         gains = self.gains(y_um, x_um)
         own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
-        return {"mosaic_linear": mosaic_linear * own.astype(mosaic_linear.dtype, copy=False)}
+        own = own.astype(mosaic_linear.dtype, copy=False)
+        return {"mosaic_linear": mosaic_linear * own, "clipping_level": clipping_level * own.min(initial=self.largest_gain)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.strength == 0:

@@ -1,7 +1,7 @@
 """White: what a white diffuser gives in each channel, from the light or from the picture, and the mosaic balanced by it.
 
 In:  ``white_irradiance``; ``mosaic_linear`` (y, x), 1 at clipping.
-Out: ``white`` (channel), the camera's linear signal of a perfect white diffuser; ``mosaic_linear`` with equal channels for it.
+Out: ``white`` (channel), the camera's linear signal that is shown as display white; ``mosaic_linear`` with equal channels for it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ CLIPPED, DARK_SIGMAS = 0.98, 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteSignal(GainChain, Collecting):
-    """What a camera makes of a perfect white diffuser after a time."""
+    """What a camera makes of a perfect white diffuser after a time, over the display value that it is to have."""
+
+    render_exposure: float = quantity("render_exposure")
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"white": Grid.of({"channel": Labels(self.channels)})}
@@ -38,7 +40,8 @@ class WhiteSignal(GainChain, Collecting):
     def after(self, time: float, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
         rates = prepared[0] * white_irradiance
         electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * time
-        return {"white": electrons * (self.dn_per_electron() / self.white())}
+        diffuse = electrons * (self.dn_per_electron() / self.white())
+        return {"white": diffuse / self.render_exposure, "white_saturated": np.array(float(np.count_nonzero(diffuse > 1)))}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (2e-7 if precision == "float32" else 1e-15), "proved"
@@ -46,10 +49,13 @@ class WhiteSignal(GainChain, Collecting):
 
 @dataclass(frozen=True, kw_only=True)
 class White(WhiteSignal):
-    """The camera's linear signal of a perfect white diffuser on the axis: from the illuminant, noise-free."""
+    """The camera's linear signal of a perfect white diffuser on the axis, over ``render_exposure``: from the illuminant, noise-free.
+
+    It may lie above 1, where no pixel can follow: ``white_saturated`` counts the channels in which the diffuser itself does.
+    """
 
     reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]"}
-    writes: ClassVar = {"white": "channel [1]"}
+    writes: ClassVar = {"white": "channel [1]", "white_saturated": "[1]"}
     nanoseconds: ClassVar = 100.0
     libraries: ClassVar = ("colour-science",)
 
@@ -64,7 +70,7 @@ class WhiteMetered(WhiteSignal):
     """``white`` after the time that the metering has found."""
 
     reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]", "exposure_time": "[s]"}
-    writes: ClassVar = {"white": "channel [1]"}
+    writes: ClassVar = {"white": "channel [1]", "white_saturated": "[1]"}
     nanoseconds: ClassVar = 100.0
     libraries: ClassVar = ("colour-science",)
 
@@ -152,18 +158,21 @@ class WhiteEstimate(KnownNoise):
 class BalanceMosaic(Stage):
     """The mosaic over the white of each site's channel, in front of the demosaicer: a grey edge has no colours to invent.
 
-    Gains are relative to the largest channel of the white, the first to clip: 1 stays the level at which it does. From there on the
-    other channels' true values are worth nothing beside its, so that ``highlights = "neutral"`` ends them at 1 too: what is too
-    bright turns white. ``white`` becomes what a white diffuser reads now, equal in all channels, and later stages go on unchanged.
+    Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` stays the level at which it does. From
+    there on the other channels' true values are worth nothing beside its, so that ``highlights = "neutral"`` ends them there too.
+    ``white`` becomes the level that is shown as display white, equal in all channels: that of the scene's white as long as no channel
+    clips below it, else (and with ``brightness = "camera"`` always) the level of clipping. What is too bright is white, whatever the
+    exposure, and later stages go on unchanged.
     """
 
-    reads: ClassVar = {"mosaic_linear": "... y x [1]", "white": "channel [1]"}
+    reads: ClassVar = {"mosaic_linear": "... y x [1]", "white": "channel [1]", "clipping_level": "[1]"}
     writes: ClassVar = {"mosaic_linear": "... y x [1]", "white": "channel [1]", "balance_gains": "channel [1]"}
     gain: ClassVar = None  # as large as the white is coloured
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
 
     pattern: str = quantity("pattern")
+    brightness: str = quantity("brightness")
     highlights: str = param(
         "neutral", choices=("neutral", "keep"), doc="what becomes of channels beyond the level at which the first clips"
     )
@@ -175,12 +184,14 @@ class BalanceMosaic(Stage):
         channels = _same_channels(inputs["white"], self.pattern, "white")
         return {"white": channels, "balance_gains": channels}
 
-    def run(self, mosaic_linear: Any, white: Any, y: Any, x: Any) -> dict[str, Any]:
+    def run(self, mosaic_linear: Any, white: Any, clipping_level: Any, y: Any, x: Any) -> dict[str, Any]:
         gains = white_balance.gains_of(white)
-        ceiling = 1.0 if self.highlights == "neutral" else math.inf
+        clipped = float(clipping_level)  # the smallest gain is 1
+        shown = white_balance.display_white(float(np.max(white)), clipped, self.brightness == "camera")
+        ceiling = clipped if self.highlights == "neutral" else math.inf
         return {
             "mosaic_linear": white_balance.balanced(mosaic_linear, gains, mask_of(self.pattern), *first_pixel(y, x), ceiling),
-            "white": np.full_like(white, np.max(white)),
+            "white": np.full_like(white, shown),
             "balance_gains": gains,
         }
 
