@@ -128,14 +128,15 @@ class Camera:
             "charge"
         ]
         raw = self.cell("adc", **at).stage.run(charge)["raw"]
-        linear = self.cell("linearise", **at).stage.run(raw)["mosaic_linear"].astype(self.dtype)
+        linearised = self.cell("linearise", **at).stage.run(raw)
+        linear, clipped = (linearised[name].astype(self.dtype) for name in ("mosaic_linear", "clipping_level"))
         rgb = self.run(self.cell("demosaic", **at), linear)["rgb_camera"]
         rgb = self.cell("sharpen", **at).stage.run(rgb)["rgb_camera"]
         cell = self.cell("white", **at)
         white = cell.stage.run(whites[1], self.prepared(cell))["white"].astype(self.dtype)
         cell = self.cell("colour_fit", **at)
         fit = self.table(cell, f"fit {at['f_number']}", lambda: cell.stage.run(*whites, self.prepared(cell)))
-        xyz = self.cell("camera_to_xyz", **at).stage.run(rgb, white, fit["colour_matrix"].astype(self.dtype))["xyz_scene"]
+        xyz = self.cell("camera_to_xyz", **at).stage.run(rgb, white, clipped, fit["colour_matrix"].astype(self.dtype))["xyz_scene"]
         cell = self.cell("balance", **at)
         xyz = cell.stage.run(xyz, fit["white_xyz"].astype(self.dtype), self.prepared(cell))["xyz_scene"]
         cell = self.cell("display", **at)

@@ -73,7 +73,7 @@ def test_luma_does_not_fall_when_the_exposure_rises(chart, brightness):
 @pytest.mark.parametrize("sensor", [IDEAL, NOISY], ids=["expected values", "noise"])
 @pytest.mark.parametrize("brightness", ["scene", "camera"])
 @pytest.mark.parametrize("way", [BALANCED, UNBALANCED], ids=["balanced mosaic", "own channels"])
-@pytest.mark.parametrize("conversion_gain", [0, 0.05, 2.0], ids=["well at the top code", "well below the top code", "top code below the well"])
+@pytest.mark.parametrize("conversion_gain", [0, 0.05, 2.0], ids=["well at the top code", "well below it", "well above it"])
 def test_what_is_clipped_all_over_is_white(sensor, brightness, way, conversion_gain):
     tree = exposed(
         "composite", *sensor, *way, *COLOUR, wanted=["xyz_scene", "rgb_linear", "white_xyz"], brightness=brightness, factors=[1e6],

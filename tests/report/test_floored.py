@@ -62,3 +62,11 @@ def test_a_channel_that_was_lifted_is_said_in_words_also_when_the_cells_are_reus
 def test_nothing_is_said_where_nothing_was_lifted(run):
     result = run()
     assert result.exit_code == 0 and "floored:" not in result.output
+
+
+def test_a_white_that_no_pixel_can_reach_is_said_in_words(run):
+    told = "overexposed: white has channels in which a white diffuser lies above saturation: in 1 of 2 cells, at most 3 in a cell"
+    for _ in range(2):  # also when the cells are reused
+        result = run("--sweep", "integration_time=0.0008,80")
+        assert result.exit_code == 0 and told in result.output, result.output
+    assert "overexposed" not in run("--set", "camera.integration_time=0.0008").output

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.plan.model import CellRef, Plan
-from etendue.spec.ports import CellReport
+from etendue.spec.ports import COUNTED, CellReport
 from etendue.spec.variables import LONG_NAMES
 
 Table = dict[str, Any]
@@ -154,7 +154,7 @@ def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[t
         node = plan.node(ref[0])
         for name, array in values.items():
             declaration = node.writes[name]
-            if declaration.dims in ((), ("stage",)) and np.size(array):
+            if declaration.dims in ((), ("stage",)) and np.size(array) and name != "clipping_level" and not name.endswith(COUNTED):
                 value = float(np.ravel(array)[-1])
                 at = ""
                 if declaration.dims:

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-
 COUNTED = ("_floored", "_saturated")  # ends of the names of variables that the end of a run speaks of where they are above 0
 
 
