@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 from etendue import hookspecs
 from etendue.cli import _number, main
 from etendue.physics import difference
+from etendue.physics.psf_bank import PsfBank
 from etendue.registry import Registry, installed_stages
 from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
@@ -98,6 +99,7 @@ use = "encode"
 {after}
 """
 SERIAL = Options("serial")
+PLAIN_LENS = 'use = "lens_gaussian"\nname = "lens"\nsigma = "1.2 um"'
 
 
 def written(text=SMALL, scene="composite", camera="", wandering="", before="", after=""):
@@ -622,3 +624,17 @@ def test_the_python_of_the_documentation_runs(tmp_path, monkeypatch, capsys):
     code = re.search(r"```python\n(.*?)```", DOCS.read_text(), re.S)[1]
     exec(compile(code, str(DOCS), "exec"), {})
     assert "demosaic_bilinear" in capsys.readouterr().out
+
+
+def test_behind_a_lens_with_a_parameter_named_weights_the_edge_has_its_figures(tmp_path):
+    """``weights`` of lens_psf_field says how its pictures are laid out; it does not make it the end of the sum over wavelength."""
+    step = np.arange(-6, 7)
+    spots = [np.exp(-0.5 * (step[:, None] ** 2 + step**2) / (1.2 * 1.2))] * 2
+    PsfBank(np.array([0.0, 100.0]), np.array([0.55]), [[spot] for spot in spots], 1.0, "made for a test").save(tmp_path / "bank.npz")
+    own = f'use = "lens_psf_field"\nname = "lens"\nfile = "{tmp_path}/bank.npz"'
+    rows, result = rows_of("demosaic.use=demosaic_bilinear", pipeline((PLAIN_LENS, own)), edges=True)
+    there, plain = rows["demosaic_bilinear"], rows_of("demosaic.use=demosaic_bilinear", edges=True)[0]["demosaic_bilinear"]
+    assert not any("MTF50" in note for note in result.notes)
+    # the same Gaussian on either way; the bank's is sampled at 1 um and cut off at 5 sigma, and its blur errs by 1 % of full scale
+    assert there.mtf50 == pytest.approx(plain.mtf50, rel=0.02)
+    assert there.mtf50_reference == pytest.approx(plain.mtf50_reference, rel=0.02)

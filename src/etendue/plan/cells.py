@@ -20,7 +20,7 @@ from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, arguments_of, is_random, looks, parameters_of, reads_of
+from etendue.spec.stage import Stage, arguments_of, has_method, is_random, looks, parameters_of, reads_of, word_of
 from etendue.spec.variables import Declaration
 
 
@@ -40,7 +40,7 @@ def expand(graph: Graph, pipeline: Pipeline, choice: Choice) -> tuple[dict[CellR
 
 def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
     """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
-    creates = getattr(stage, "creates", {})
+    creates = word_of(stage, "creates", {})
     found = {}
     leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
     for dim in leading:
@@ -147,7 +147,7 @@ class _Expansion:
                 facts, declared = self.describe(node, stage)
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
             else:
-                declared = stage.grid(input_grids) if hasattr(stage, "grid") else {}
+                declared = stage.grid(input_grids) if has_method(type(stage), "grid") else {}  # type: ignore[attr-defined]
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in node.writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
@@ -179,12 +179,12 @@ class _Expansion:
         return (name, tuple(by_dim.get(dim, 0) for dim in self.nodes[name].axes))
 
     def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
-        if hasattr(stage, "carry"):
-            return stage.carry(facts, grids)
+        if has_method(type(stage), "carry"):
+            return stage.carry(facts, grids)  # type: ignore[attr-defined]
         return UNKNOWN
 
     def decide(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids_in: Any, grids: Mapping[str, Grid]) -> LeftOut | None:
-        if not self.choice.leave_out or not hasattr(stage, "negligible"):
+        if not self.choice.leave_out or not has_method(type(stage), "negligible"):
             return None
         return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
 
@@ -197,7 +197,7 @@ class _Expansion:
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
-        names = {name for port, _, own in node.looks_at for name in own if port not in getattr(node.kind, "beside", ())}
+        names = {name for port, _, own in node.looks_at for name in own if port not in word_of(node.kind, "beside", ())}
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
     def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:
@@ -253,14 +253,14 @@ class _Expansion:
         return f"{self.pipeline.seed}|{node.name}|{'' if stage.common_draws else values}".encode()
 
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
-        if not hasattr(stage, "error"):
+        if not has_method(type(stage), "error"):
             return None, "unknown"
-        if node.segment and hasattr(stage, "segment_error"):
+        if node.segment and has_method(type(stage), "segment_error"):
             before: list[Stage] = []
             ref = inputs[0][1]
             for _ in range(len(node.segment) - 1):
                 if self.cells[ref].left_out is None:
                     before.append(self.cells[ref].stage)
                 ref = self.cells[ref].inputs[0][1]
-            return stage.segment_error(tuple(reversed(before)), facts, grids, self.precision)
-        return stage.error(facts, grids, self.precision)
+            return stage.segment_error(tuple(reversed(before)), facts, grids, self.precision)  # type: ignore[attr-defined]
+        return stage.error(facts, grids, self.precision)  # type: ignore[attr-defined]

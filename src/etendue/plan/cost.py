@@ -10,6 +10,7 @@ from collections.abc import Iterable
 
 from etendue.plan.model import Cell, Node
 from etendue.spec.grid import Grid
+from etendue.spec.stage import word_of
 from etendue.spec.variables import Declaration
 
 LARGEST_WHOLE = 128 << 20  # a variable with wavelength above this is made and stored one band at a time
@@ -38,7 +39,7 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     """Expected seconds of one cell on one thread."""
     if cell.left_out:
         return 2e-5
-    rate = getattr(type(cell.stage), "nanoseconds", 30.0)
+    rate = word_of(type(cell.stage), "nanoseconds", 30.0)
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
         values = 1.6 * grid.count

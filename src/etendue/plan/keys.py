@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from etendue.spec.stage import Stage, file_state, files_of, parameters_of
+from etendue.spec.stage import Stage, file_state, files_of, is_transfer, parameters_of
 
 PACKAGE = Path(__file__).parent.parent
 FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants", "etendue.stages", "etendue.api")
@@ -104,7 +104,7 @@ def code_digest(kind: type[Stage]) -> str:
     """Digest of the code behind a stage."""
     module = kind.__module__
     if module.startswith("etendue."):
-        return _built_in_digest(module, SEGMENT_MODULES if hasattr(kind, "transfer") else ())
+        return _built_in_digest(module, SEGMENT_MODULES if is_transfer(kind) else ())
     top = sys.modules.get(module.split(".")[0])
     file = getattr(top, "__file__", None) or getattr(sys.modules.get(module), "__file__", None)
     if file is None:

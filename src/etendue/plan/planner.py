@@ -15,6 +15,7 @@ from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import has_method
 
 
 def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True) -> Plan:
@@ -58,14 +59,14 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     uses = frozenset(one.use for node in nodes for one in node.alternatives)
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     for cell in cells.values():
-        if hasattr(cell.stage, "warn"):
+        if has_method(type(cell.stage), "warn"):
             try:
                 found = cell.stage.warn(cell.facts, cell.input_grids)
             except ValueError as error:
                 raise RequestError([Fault(places[cell.node], str(error))]) from None
             for text in found:
                 texts[f"{cell.node}: {text}"] = None
-        if hasattr(cell.stage, "warn_among"):
+        if has_method(type(cell.stage), "warn_among"):
             for text in cell.stage.warn_among(uses):
                 texts[f"{cell.node}: {text}"] = None
     return tuple(texts)

@@ -22,6 +22,7 @@ from etendue.physics import cfa, colour
 from etendue.physics.resampling import area_weights
 from etendue.physics.transfer import srgb_encode
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.spec.stage import has_method
 
 LARGEST = 256
 SHOWN = (
@@ -60,7 +61,7 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         planes = _fitted(np.asarray(array, dtype=np.float32)).astype(np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
             matrix = np.linalg.inv(colour.RGB_TO_XYZ_SRGB)
-            white = cell.stage.viewing_white() if hasattr(cell.stage, "viewing_white") else None
+            white = cell.stage.viewing_white() if has_method(type(cell.stage), "viewing_white") else None  # type: ignore[attr-defined]
             if white is not None:  # shown as its viewer sees it, not as it would look beside a D65 white
                 seen = colour.von_kries_matrix(white, colour.xyz_from_xy(colour.D65_XY), colour.TRANSFORMS["bradford"])
                 matrix = matrix @ seen

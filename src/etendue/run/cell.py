@@ -22,7 +22,7 @@ from etendue.run.otf import transfers_of, weights_of
 from etendue.run.segments import Result, transferred
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
 from etendue.spec.ports import COUNTED, CellReport
-from etendue.spec.stage import arguments_of
+from etendue.spec.stage import arguments_of, has_method, is_transfer, word_of
 
 
 def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
     for port, what, pairs in job.looks_at:
         if what == "transfer":
             given[port] = transfers_of(job)
-        elif getattr(job.stage, "with_grids", False):
+        elif word_of(job.stage, "with_grids", False):
             given[port] = [(n, results[ref].arrays[what], grid) for (n, ref), grid in zip(pairs, job.looked_grids[port], strict=True)]
         else:
             given[port] = [(name, results[ref].arrays[what]) for name, ref in pairs]
@@ -82,7 +82,7 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
 
 def _prepared(job: Job) -> Any:
     """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
-    if hasattr(job.stage, "prepare") or not job.transfers:
+    if has_method(type(job.stage), "prepare") or not job.transfers:
         return prepared_of(job.stage, job.input_grids, job.grids)
     return None if job.channel_weights is None else weights_of(job.channel_weights, job.bands)
 
@@ -161,7 +161,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             result, arrays = _load(job, results)
             result.arrays, result.lowest = arrays, _undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
-        if hasattr(job.stage, "transfer"):
+        if is_transfer(type(job.stage)):
             result, arrays = transferred(job, results)
         elif job.left_out:
             sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}

@@ -14,7 +14,7 @@ from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage, ends_in_sum
+from etendue.spec.stage import Stage, ends_in_sum, has_method
 from etendue.spec.variables import Declaration
 
 
@@ -132,7 +132,7 @@ def make_jobs(
 
 def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
     """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
-    if cell.left_out is not None or not (hasattr(cell.stage, "by_band") or node.segment):
+    if cell.left_out is not None or not (has_method(type(cell.stage), "by_band") or node.segment):
         return ()
     return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
 
@@ -180,7 +180,7 @@ def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Mapping[str, 
             found["whole"] = tuple(is_whole(plan.cells, c) for c in cells)
             found["transfers"] = tuple(c.stage for c in cells)
             found["bands"] = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
-            found["channel_weights"] = next((c.stage for c in cells if hasattr(c.stage, "weights")), None)
+            found["channel_weights"] = next((c.stage for c in cells if ends_in_sum(type(c.stage))), None)
             found["chains"] = tuple(tuple(chain) for chain in chains([c.node for c in cells], nodes))
             found["rendered"] = scene_of(plan.cells, cells[0]).facts.rendered
     return found

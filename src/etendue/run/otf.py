@@ -17,7 +17,7 @@ from etendue.run.jobs import Job
 from etendue.run.segments import transfer_of
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.grid import Bands, Grid
-from etendue.spec.stage import Stage, state_of
+from etendue.spec.stage import Stage, ends_in_sum, state_of
 
 REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
 BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
@@ -92,7 +92,7 @@ class Otf:
     @property
     def weights(self) -> Any:
         """(channel, wavelength): photons by wavelength behind each filter, or None in front of the pixel."""
-        stage = next((stage for _, stage in self.parts if hasattr(stage, "weights")), None)
+        stage = next((stage for _, stage in self.parts if ends_in_sum(type(stage))), None)
         return None if stage is None else weights_of(stage, self.edges)
 
     @property

@@ -20,7 +20,7 @@ from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage
+from etendue.spec.stage import Stage, ends_in_sum
 
 TOGETHER = 4  # bands projected in one product
 
@@ -132,11 +132,12 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
     assert job.joined is not None
-    if not hasattr(job.stage, "weights"):
+    if not ends_in_sum(type(job.stage)):
         stages = (*job.joined, *(() if job.left_out else (job.stage,)))
         return {name: FilteredBands(light, JoinedTransfer(stages, grid, job.precision)) if stages else light}
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
-    weights = np.asarray(job.stage.weights(prepared), dtype=float)
+    end: Any = job.stage
+    weights = np.asarray(end.weights(prepared), dtype=float)
     joined = JoinedTransfer(job.joined, grid, job.precision)
     terms = int(getattr(job.stage, "wavelength_terms", 0))
     channels = _expanded(job, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)

@@ -22,7 +22,7 @@ from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, state_of
+from etendue.spec.stage import Stage, ends_in_sum, state_of
 
 ROUNDING = 64  # units in the last place of the brightest cell: what transforms leave where there is no light
 
@@ -118,7 +118,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
     before = job.joined or ()
-    if hasattr(job.stage, "weights"):
+    if ends_in_sum(type(job.stage)):
         return {name: _pixels(job, light, grid, before)}
     stages = (*before, *(() if job.left_out else (job.stage,)))
     if not stages:

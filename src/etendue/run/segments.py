@@ -20,7 +20,7 @@ from etendue.run.segment_bands import from_bands
 from etendue.run.segment_cells import from_cells
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.grid import Bands
-from etendue.spec.stage import Stage, state_of
+from etendue.spec.stage import Stage, ends_in_sum, state_of
 
 
 @dataclass
@@ -83,12 +83,12 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
         untouched = results[ref].arrays[variable]
         spectrum = sampling.spectrum(untouched)
     (name,) = job.writes
-    if hasattr(job.stage, "weights"):
+    if ends_in_sum(type(job.stage)):
         prepared = prepared_of(job.stage, job.input_grids, job.grids)
         otf = _grid_transfer(job)
         if otf.ndim == 3 and otf.shape[0] > 1:
             spectrum = spectrum * otf
-        channels = sampling.sum_over_wavelength(np.asarray(job.stage.weights(prepared)), np.ascontiguousarray(spectrum))
+        channels = sampling.sum_over_wavelength(np.asarray(job.stage.weights(prepared)), np.ascontiguousarray(spectrum))  # type: ignore[attr-defined]
         if not (otf.ndim == 3 and otf.shape[0] > 1):
             channels = channels * otf
         out = job.grids[name]

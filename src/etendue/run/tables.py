@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.physics.noise import sensor_normal, sensor_uniform
 from etendue.spec.grid import Bands, Grid, Line
-from etendue.spec.stage import Stage, state_of
+from etendue.spec.stage import Stage, has_method, state_of
 
 LARGEST_CACHE = 256 << 20
 
@@ -133,7 +133,8 @@ class SensorRandom:
 
 def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> Any:
     """``stage.prepare``, once per (parameters, coordinates) and process."""
-    if not hasattr(stage, "prepare"):
+    if not has_method(type(stage), "prepare"):
         return None
+    own: Any = stage
     key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
-    return TABLES.get(key, lambda: stage.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")}))
+    return TABLES.get(key, lambda: own.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")}))

@@ -44,6 +44,27 @@ def per_kind(function: _Function) -> _Function:
     return cache(function)  # type: ignore[return-value]
 
 
+@per_kind
+def has_method(kind: type[Stage], name: str) -> bool:
+    """Whether a class of stages has a method of this name.
+
+    A parameter of that name is none, even where its default stands on the class: what a stage can do is said by its methods, and
+    the names of its parameters are its author's own.
+    """
+    return name not in _fields(kind) and callable(getattr(kind, name, None))
+
+
+def word_of(stage: Stage | type[Stage], name: str, default: Any) -> Any:
+    """What a stage or its class says under a name; a parameter of that name says nothing."""
+    kind = stage if isinstance(stage, type) else type(stage)
+    return default if name in _fields(kind) else getattr(stage, name, default)
+
+
+@per_kind
+def _fields(kind: type[Stage]) -> frozenset[str]:
+    return frozenset(field.name for field in dataclasses.fields(kind))
+
+
 COORDINATES = frozenset(
     f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
 ) | {"stage"}
@@ -149,6 +170,9 @@ class Probe(Stage):
     beside: ClassVar[tuple[str, ...]] = ()
 
 
+WORDS = frozenset(name for kind in (Stage, Probe) for name in vars(kind) if not name.startswith("_"))
+
+
 def looks(declaration: Declaration) -> str:
     """What a port looks at in all earlier stages: ``transfer``, a variable, or '' where it reads one array."""
     return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
@@ -166,7 +190,16 @@ def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
 
 @per_kind
 def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]:
-    """Parameter, type and default (``MISSING`` where it must be given) by name."""
+    """Parameter, type and default (``MISSING`` where it must be given) by name.
+
+    Raises
+    ------
+    TypeError
+        A parameter has the name of a word of the contract, such as ``gain``: its value would be taken for what the class says.
+    """
+    taken = sorted(WORDS & {field.name for field in dataclasses.fields(kind)})
+    if taken:
+        raise TypeError(f"the parameter {', '.join(taken)} has the name of a word that every stage has; give it another name")
     hints = typing.get_type_hints(kind)
     return {
         field.name: (field.metadata.get("parameter", Parameter()), hints[field.name], field.default) for field in dataclasses.fields(kind)
@@ -176,10 +209,10 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
 @per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
-    if not hasattr(kind, "run"):
+    if not has_method(kind, "run"):
         return ()
     names = []
-    for parameter in list(inspect.signature(kind.run).parameters.values())[1:]:
+    for parameter in list(inspect.signature(kind.run).parameters.values())[1:]:  # type: ignore[attr-defined]
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise TypeError(f"{kind.__name__}.run takes *{parameter.name}; name every input")
         names.append(parameter.name)
@@ -191,15 +224,15 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
 
 
 def is_source(kind: type[Stage]) -> bool:
-    return hasattr(kind, "describe")
+    return has_method(kind, "describe")
 
 
 def is_transfer(kind: type[Stage]) -> bool:
-    return hasattr(kind, "transfer")
+    return has_method(kind, "transfer")
 
 
 def ends_in_sum(kind: type[Stage]) -> bool:
-    return hasattr(kind, "weights")
+    return has_method(kind, "weights")
 
 
 def is_random(kind: type[Stage]) -> bool:

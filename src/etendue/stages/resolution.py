@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from etendue.api import Labels, Probe, hookimpl, param, quantity
 from etendue.physics import resolution, two_points
+from etendue.spec.stage import ends_in_sum
 from etendue.stages.sensor import Diffusion
 
 POINT_NODES = 160  # of the integral behind the picture of a point: 80 times its smallest detail is far enough
@@ -47,7 +48,7 @@ def response(otf: Any, weights: Any, towards: tuple[float, float], rendering: bo
 
 def factor_of(stage: Any) -> str:
     """Which factor a stage with a transfer function belongs to: what is no photodiode is in front of it."""
-    if hasattr(stage, "weights"):
+    if ends_in_sum(type(stage)):
         return "geometry"
     return "diffusion" if isinstance(stage, Diffusion) else "lens"
 

@@ -15,6 +15,7 @@ import numpy as np
 from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quantity
 from etendue.physics import expansion, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
+from etendue.spec.stage import has_method
 from etendue.stages.sensitivity import FLAT, Collecting, collection_at_zero, electrons_per_irradiance, quantum_efficiency
 
 
@@ -221,7 +222,7 @@ def joined_transfer(stages: tuple[Any, ...], frequency: Any, edges: tuple[float,
     product = np.ones((wavelength.size, 1, frequency.size))
     for stage in stages:
         given = [np.zeros((1, 1)), frequency[None, :], wavelength]
-        if hasattr(stage, "prepare"):
+        if has_method(type(stage), "prepare"):
             given.append(stage.prepare({"wavelength_edges": np.array(edges), "wavelength": 1e3 * wavelength.ravel()}))
         product = product * stage.transfer(*given)
     return product[:, 0]

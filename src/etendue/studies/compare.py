@@ -28,6 +28,7 @@ from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import has_method, is_source, is_transfer
 from etendue.studies import edge
 from etendue.studies.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
 from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
@@ -353,7 +354,7 @@ def _viewing_white(reader: _Reader, branched: Branched, position: int) -> Any:
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
-    white = stage.viewing_white() if hasattr(stage, "viewing_white") else None
+    white = stage.viewing_white() if has_method(type(stage), "viewing_white") else None  # type: ignore[attr-defined]
     if white is None:
         white = reader.of(("white_xyz", writer(branched.nodes, "white_xyz")), position)
     return np.asarray(xyz_from_xy(D65_XY) if white is None else white, dtype=np.float64)
@@ -365,7 +366,7 @@ def seconds_of(reader: _Reader, position: int, repeat: int) -> float | None:
     report, cell = reader.outcome.reports.get(ref), reader.plan.cells[ref]
     best = report.seconds if report is not None and report.status == "done" else math.inf
     inputs: dict[CellRef, Result] = {}
-    if not hasattr(cell.stage, "transfer") and not hasattr(cell.stage, "describe"):
+    if not is_transfer(type(cell.stage)) and not is_source(type(cell.stage)):
         job = make_jobs(reader.plan, {ref}, lambda cell: None)[ref]
         for _, source, variable in job.inputs:
             array = reader.outcome.arrays.get(source, {}).get(variable)

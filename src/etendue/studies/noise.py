@@ -30,7 +30,7 @@ from etendue.run.segments import Result
 from etendue.session import Options, execute
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
-from etendue.spec.stage import is_source, parameters_of, writes_of
+from etendue.spec.stage import has_method, is_source, parameters_of, writes_of
 from etendue.stages.exposure import Exposing
 from etendue.stages.gain_chain import GainChain
 from etendue.stages.masks import mask_of
@@ -180,7 +180,7 @@ class _Measurement:
 
     def _mask(self) -> Any:
         """Channel names by place in the cell, as the window sees them."""
-        pattern = next((s.pattern for s in self.stages.values() if hasattr(s, "pattern")), "mono")
+        pattern = self.plan.camera.get("pattern", "mono")
         mask = mask_of(pattern)
         grid = self.plan.cells[self.ref].grids[MOSAIC]
         down, right = (round(grid.line(dim).start) for dim in ("y", "x"))
@@ -257,7 +257,7 @@ class _Measurement:
             return {}
         names = {type(s).__name__ for s in stages}
         dark = float(exposing.dark_charge(time))
-        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))
+        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if has_method(type(s), "sigma") and hasattr(s, "dsnu"))  # type: ignore[attr-defined]
         lines = sum(getattr(s, k, 0.0) ** 2 for s in stages for k in ("row_pattern", "column_pattern", "row_noise", "column_noise"))
         remark = "noise of whole rows and columns is counted as if each pixel had its own"
         if lines and remark not in self.notes:

@@ -27,6 +27,7 @@ from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import (
     Stage,
+    has_method,
     is_random,
     is_source,
     looks,
@@ -183,7 +184,7 @@ class Bench:
         if is_source(self.kind):
             declared = self.stage.describe()[1]  # type: ignore[attr-defined]
         else:
-            declared = self.stage.grid(inputs) if hasattr(self.stage, "grid") else {}
+            declared = self.stage.grid(inputs) if has_method(self.kind, "grid") else {}  # type: ignore[attr-defined]
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         return Job(
@@ -288,10 +289,10 @@ class Bench:
 
     def own_error(self, inputs: Arrays, precision: str, frame: Frame = FRAME) -> float | None:
         """The bound the stage states for itself."""
-        if not hasattr(self.stage, "error"):
+        if not has_method(self.kind, "error"):
             return None
         facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
-        return self.stage.error(facts, self.input_grids(frame), precision)[0]
+        return self.stage.error(facts, self.input_grids(frame), precision)[0]  # type: ignore[attr-defined]
 
 
 def digests(arrays: Arrays) -> dict[str, str]:

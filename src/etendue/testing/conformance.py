@@ -21,6 +21,7 @@ from etendue.spec.stage import (
     Probe,
     Stage,
     arguments_of,
+    has_method,
     is_source,
     is_transfer,
     looks,
@@ -91,7 +92,7 @@ class StageConformance:
         except (TypeError, ValueError) as error:
             raise LawBroken(f"{name}: {error}") from None
         hold(bool(writes), f"{name} writes nothing")
-        hold(hasattr(kind, "run") != hasattr(kind, "transfer"), f"{name} needs either run or transfer")
+        hold(has_method(kind, "run") != is_transfer(kind), f"{name} needs either run or transfer")
         hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
         hold(kind.negative in ("error", "clip", "keep"), f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'")
         hold(kind.gain is None or 0 <= kind.gain < math.inf, f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0")
@@ -141,13 +142,13 @@ class StageConformance:
         if is_source(type(stage)):
             hold(stage.describe() == stage.describe(), f"{stage!r} describes itself differently when asked twice")  # type: ignore[attr-defined]
             return
-        if not hasattr(stage, "grid"):
+        if not has_method(type(stage), "grid"):
             return
         for frame in (FRAME, *ODD_FRAMES):
             given = self.bench.input_grids(frame)
             kept = dict(given)
             try:
-                first, second = stage.grid(given), stage.grid(dict(given))
+                first, second = stage.grid(given), stage.grid(dict(given))  # type: ignore[attr-defined]
             except ValueError as error:
                 hold(frame != FRAME, f"{stage!r}.grid refuses an ordinary grid: {error}")
                 continue
@@ -250,7 +251,7 @@ class StageConformance:
         Relative to full scale: the largest value of the result in double precision, or a converter's top code.
         """
         bench = self.bench
-        if not hasattr(bench.stage, "error"):
+        if not has_method(bench.kind, "error"):
             return
         bounds: dict[str, float] = {}
         for precision in PRECISIONS:
@@ -280,7 +281,7 @@ class StageConformance:
 
     def test_leaving_it_out_is_no_worse_than_negligible_says(self) -> None:
         bench = self.bench
-        if not hasattr(bench.stage, "negligible"):
+        if not has_method(bench.kind, "negligible"):
             return
         main = next(iter(bench.writes))
         port = next((p for p, d in bench.reads.items() if d.variable == main), None)
@@ -340,7 +341,7 @@ class StageConformance:
         bench = self.bench
         if is_transfer(bench.kind):
             check_single_wavelengths(bench)
-        if not hasattr(bench.stage, "by_band"):
+        if not has_method(bench.kind, "by_band"):
             return
         job = bench.job()
         given_arrays = bench.given(bench.arrays("ordinary"), "float64")
@@ -362,7 +363,7 @@ class StageConformance:
             trial = bench.result({})
             check_facts(bench, facts, trial.arrays[main], 1e-9, "what it draws")
             return
-        if not hasattr(bench.stage, "carry") or not bench.steady:
+        if not has_method(bench.kind, "carry") or not bench.steady:
             return
         for what, factor in (*levels_of(bench), ("point", 1.0), ("hole", 1.0)):
             inputs = bench.arrays(what, factor=factor)

@@ -10,6 +10,7 @@ import numpy as np
 
 from etendue.run.segments import transfer_of
 from etendue.run.tables import prepared_of
+from etendue.spec.stage import ends_in_sum
 from etendue.testing.bench import EDGES, Bench
 from etendue.testing.checks import hold
 
@@ -31,8 +32,8 @@ def check_transfer(bench: Bench) -> None:
     highest = np.abs(transfer_of(bench.stage, wide[:, None], wide[None, :], EDGES, prepared)).max()
     limit = max(1.0, bench.stage.gain or 1.0)
     hold(highest <= limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
-    if hasattr(bench.stage, "weights"):
-        weights = np.asarray(bench.stage.weights(prepared))
+    if ends_in_sum(bench.kind):
+        weights = np.asarray(bench.stage.weights(prepared))  # type: ignore[attr-defined]
         right = weights.ndim == 2 and weights.shape[1] == len(EDGES) - 1 and bool(np.isfinite(weights).all())
         hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(EDGES) - 1}), or is not finite")
 
