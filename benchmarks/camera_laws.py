@@ -43,6 +43,7 @@ EXPOSING = (
 )  # slots behind which noise and codes are
 UNEVEN = ("falloff", "vignetting", "angular", "distortion", "defects", "shading")  # slots that make a uniform plane uneven
 SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
+LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
 GREY = 2e-3
 WHITE = 1e-6
 
@@ -69,7 +70,7 @@ def twin(document: Document, wanted: list[str], axis: str, values: list[float]) 
     first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in EXPOSING)
     kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, "restore", "estimate")]
     kept.insert(first, {"use": "ideal_mosaic", "name": "ideal"})
-    measures = [n for n, stage in enumerate(kept) if stage["name"] == "encode"][0] + 1
+    measures = next(n for n, stage in enumerate(kept) if stage["name"] == "encode") + 1
     made["stages"] = kept[:measures]
     for slot, words in (("white", {"use": "white"}), ("balanced", {"highlights": "neutral"}), ("to_xyz_scene", {"highlights": "neutral"})):
         if (stage := of(made, slot)) is not None:
@@ -164,9 +165,9 @@ def over_time(document: Document) -> Document:
     """The drawn scene at seven times about its own."""
     time = document["camera"].get("integration_time", 0.01)
     wanted = ["ideal.mosaic_linear", "encode.rgb_display"]
-    made = twin(document, wanted, "integration_time", [time * k for k in TIMES])
+    made = twin(document, [*wanted, LIFTED], "integration_time", [time * k for k in TIMES])
     last = [stage["name"] for stage in made["stages"] if stage["name"] in ("ideal", "shading", "balanced")][-1]
-    made["wanted"] = list(dict.fromkeys([*wanted, f"{last}.mosaic_linear"]))
+    made["wanted"] = list(dict.fromkeys([*made["wanted"], f"{last}.mosaic_linear"]))
     return made
 
 
@@ -178,7 +179,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
             yield from monotone(array(tree, stage, variable), place, "time")
     display = array(tree, "encode", "rgb_display")
     support = minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
-    if same_white(made):
+    if same_white(made) and not array(tree, *LIFTED.split(".")).any():
         yield from white(display, support)
 
 
@@ -192,7 +193,7 @@ def same_white(made: Document) -> bool:
 def grey_over(document: Document, axis: str) -> Document:
     """A grey card at seven times, or in seven lights."""
     now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
-    made = uniform(twin(document, ["ideal.mosaic_linear", "encode.rgb_display"], axis, [now * k for k in TIMES]))
+    made = uniform(twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED], axis, [now * k for k in TIMES]))
     if "." in axis:
         made["stages"][0].pop("white_luminance")
     return made
@@ -202,7 +203,13 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     what = "time" if "integration_time" in made["sweep"] else "light"
     mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, "encode", "rgb_display")
     yield from monotone(display, "encode.rgb_display of a grey card", what)
+    if array(tree, *LIFTED.split(".")).any():
+        return
     apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
+    if made["camera"].get("crosstalk") == "through_filter":
+        # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far as sites differ
+        means = display.mean(axis=(2, 3))
+        apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)
     for step, value in enumerate(apart):
         if value > GREY:
             seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))

@@ -153,7 +153,7 @@ class Drawn:
         always = ("f_number", "pixel_pitch", "integration_time")
         for name in camera.names():
             parameter, default = camera.declared(name)
-            if default is MISSING or isinstance(default, str) and not parameter.choices:
+            if default is MISSING or (isinstance(default, str) and not parameter.choices):
                 continue
             if name in always or self.chance(0.3):
                 own[name] = self.value(name, parameter, type(default), default)
@@ -167,6 +167,7 @@ class Drawn:
             own.pop(name, None)
         if self.chance(0.15):
             own["t_number"] = float(f"{own['f_number'] * self.between(1, 2):.6g}")
+            own.pop("transmittance", None)
         if self.chance(0.15):
             own["base_iso"] = self.between(10, 1000)
             own["iso"] = float(f"{own['base_iso'] * self.between(0.5, 100):.6g}")
@@ -250,7 +251,7 @@ class Drawn:
         if {"smallest", "largest"} <= own:
             scaled["smallest"], scaled["largest"] = sorted((scaled["smallest"], scaled["largest"]))
         if "spot_sigma" in own:
-            scaled["spot_sigma"] = spacing
+            scaled["spot_sigma"], scaled["pitch"] = spacing, spacing * self.between(10, 50)
         if "file" in parameters_of(self.registry.load(chosen)):
             scaled["file"] = self.photograph()
         frequencies = {n for n, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "um-1"}
@@ -261,17 +262,24 @@ class Drawn:
             **scaled, **{n: self.between(0.05 / spacing, 0.4 / spacing) for n in frequencies},
         )  # fmt: skip
         scene = self.stages[-1]
-        if "low" in scene and "high" in parameters_of(self.registry.load(chosen)):
-            scene["low"] = min(scene["low"], 0.5 * scene.get("high", 0.9))
+        defaults = {name: default for name, (_, _, default) in parameters_of(self.registry.load(chosen)).items()}
+        if {"low", "high"} <= set(defaults):
+            scene["low"], scene["high"] = sorted(scene.get(name, defaults[name]) for name in ("low", "high"))
         self.add("irradiance", "irradiance")
         self.maybe(0.4, "falloff", "falloff", table=None, model=self.one_of(("cos4", "disc")))
         self.maybe(0.2, "filter", "optical_filter", table=self.transmission(low, high) if self.chance(0.4) else None)
-        self.maybe(0.1, "vignetting", "vignetting", rim_radius=self.between(0.5, 50), rim_distance=self.between(0.1, 10))
+        self.maybe(0.1, "vignetting", "vignetting", **self.rim())
         self.maybe(0.1, "angular", "angular_response", table=None)
         self.maybe(0.15, "distortion", "distortion", table=None, k1=self.between(-0.02, 0.02), k2=None, k3=None, reference_radius=reach)
         self.lens(spacing)
         self.maybe(0.15, "glare", "glare")
         self.maybe(0.2, "low_pass", "birefringent", dispersion=None)
+
+    def rim(self) -> Document:
+        """A rim that lets the beam of an axial point through."""
+        beam = 0.5 * self.camera.get("focal_length", 6.93) / self.camera["f_number"]
+        distance = self.between(0.1, 10)
+        return {"rim_radius": float(f"{beam * self.between(1.2, 20) + distance:.6g}"), "rim_distance": distance}
 
     def lens(self, spacing: float) -> None:
         lenses = self.able(lambda kind: kind.purpose == "lens" and "prescription" not in parameters_of(kind))
@@ -309,7 +317,7 @@ class Drawn:
             self.add("ideal", "ideal_mosaic_metered" if self.metered else "ideal_mosaic")
         if faulty and self.chance(0.7):
             self.add("correct", self.one_of(("correct_defects", "correct_found_defects")))
-        self.maybe(0.1, "shading", "lens_shading", map="model", table=None, model=self.one_of(("cos4", "disc")))
+        self.maybe(0.1, "shading", "lens_shading", map="model", table=None, model=self.one_of(("cos4", "disc")), **self.rim())
 
     def read_out(self) -> None:
         self.add("expose", "exposure_metered" if self.metered else "exposure")
