@@ -295,7 +295,14 @@ def compare(
 @click.option("--samples-per-degree", default=34.0, show_default=True, metavar="S", help="Pixels in a degree of view: 100 dpi at 50 cm.")
 @click.option("--without", multiple=True, metavar="STAGE", help="Leave this too out of the ideal camera: diffusion; may be repeated.")
 @click.option("--keep", multiple=True, metavar="STAGE", help="Keep this in the ideal camera, such as distortion; may be repeated.")
-@click.option("--pictures", default=12, show_default=True, type=click.IntRange(0), metavar="N", help="At most so many pictures with -o.")
+@click.option(
+    "--pictures",
+    default=12,
+    show_default=True,
+    type=click.IntRange(0),
+    metavar="N",
+    help="Pictures with -o at most, spread over the sweep.",
+)
 @click.option("--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port.")
 @click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help="Table as CSV and JSON, pictures side by side.")
@@ -322,11 +329,11 @@ def quality(
 
     pipeline = read_pipeline(file, _overrides(settings, sweeps, (), tolerance))
     options = Options(check_scheduler(scheduler), workers or 0)
-    show = pictures_of(pipeline.name, pictures) if output else None
+    show = pictures_of(pipeline.name) if output else None
     progress = None if as_json else TerminalProgress
     with _answering_sigterm():
         found = measure(
-            pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show, output
+            pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show, output, pictures
         )
     if output:
         write(found, output)

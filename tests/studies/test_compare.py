@@ -26,9 +26,10 @@ from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
 from etendue.session import Options
 from etendue.spec.pipeline import parse_pipeline
+from etendue.studies import ranking
 from etendue.studies.axis import Asked, candidates, labels_of, parse_axis
 from etendue.studies.branches import nodes_of
-from etendue.studies.compare import Row, compare, ranked
+from etendue.studies.compare import Comparison, Row, compare, ranked
 from etendue.studies.figures import colour_figures
 from etendue.studies.ranking import document, print_comparison
 
@@ -638,3 +639,18 @@ def test_behind_a_lens_with_a_parameter_named_weights_the_edge_has_its_figures(t
     # the same Gaussian on either way; the bank's is sampled at 1 um and cut off at 5 sigma, and its blur errs by 1 % of full scale
     assert there.mtf50 == pytest.approx(plain.mtf50, rel=0.02)
     assert there.mtf50_reference == pytest.approx(plain.mtf50_reference, rel=0.02)
+
+
+def test_crops_and_plot_say_which_alternatives_they_do_not_show(tmp_path):
+    rows = [Row(n, f"s{n}", psnr=40.0 - n, seconds_per_mpixel=1.0, position=n) for n in range(ranking.MOST_CROPS + 2)]
+    rows[0].psnr = math.inf
+    picture = np.linspace(0, 1, 3 * 24 * 24).reshape(3, 24, 24)
+    pictures = {row.position: picture * (1 - 0.01 * row.position) for row in rows}
+    place = ("demosaic", "rgb_camera")
+    found = Comparison(
+        "p", "sharpen.strength", rows, place, place, "", "", (24, 24), {}, [], pictures=pictures, reference_pictures=pictures
+    )
+    ranking.write_files(found, tmp_path)
+    beyond = f"the best {ranking.MOST_CROPS} of {len(rows)}"
+    assert any(beyond in note and note.endswith("s9, s10") for note in found.notes)
+    assert any("not in it: s0" in note for note in found.notes)

@@ -17,7 +17,7 @@ from etendue.registry import installed_stages
 from etendue.spec.pipeline import parse_pipeline
 from etendue.stages.display_white import white_of
 from etendue.studies.ideal import ideal_of
-from etendue.studies.quality import quality
+from etendue.studies.quality import evenly, quality
 from etendue.studies.quality_figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
 
 HEAD = """
@@ -194,7 +194,12 @@ def test_a_white_that_was_only_believed_does_not_change_camera_primaries():
 
 def shots(*args, **kwargs):
     found = []
-    quality(read(*args, **kwargs), installed_stages(), show=lambda which, at, one, ideal, shown: found.append((one, ideal)))
+
+    def show(number, at, one, ideal, shown):
+        found.append((one, ideal))
+        return str(number), b""
+
+    quality(read(*args, **kwargs), installed_stages(), show=show)
     return found
 
 
@@ -379,6 +384,28 @@ def test_pictures_of_an_earlier_comparison_do_not_stay_beside_a_new_table(run, t
     ]  # fmt: skip
     names = ["quality.csv", "quality.json", "quality_000.png", "quality_notes.png"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+
+
+@pytest.mark.parametrize("count", range(1, 40))
+def test_pictures_are_spread_evenly_over_the_rows_the_first_and_the_last_among_them(count):
+    rows = [3 * n for n in range(count)]  # those that have pictures
+    for most in range(count + 3):
+        chosen = sorted(evenly(rows, most))
+        assert len(chosen) == min(most, count)
+        if len(chosen) > 1:
+            gaps = np.diff([rows.index(row) for row in chosen])
+            assert (chosen[0], chosen[-1]) == (rows[0], rows[-1]) and np.ptp(gaps) <= 1
+
+
+def test_every_row_has_its_picture_and_what_is_not_drawn_is_said(run, tmp_path):
+    def drawn():
+        return [path.name for path in sorted((tmp_path / "out").glob("*.png"))]
+
+    all_of_them = run("--sweep", "f_number=2,4,8", "-o", "out")
+    assert drawn() == ["quality_000.png", "quality_001.png", "quality_002.png"] and "pictures are drawn" not in all_of_them.output
+    some = run("--sweep", "f_number=2,4,8", "-o", "out", "--pictures", "2")
+    assert drawn() == ["quality_000.png", "quality_002.png"]
+    assert "2 of 3 pictures are drawn" in some.output and "--pictures 3" in some.output
 
 
 def test_channels_that_were_lifted_to_a_floor_are_a_note():

@@ -33,7 +33,8 @@ PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
 SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}  # taken where the pipeline has them
 APPLIED = ("balance_gains", "exposure_time")  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
-Show = Callable[[tuple[int, int], Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes] | None]
+MOST = 12  # pictures that are drawn unless told otherwise
+Show = Callable[[int, Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes]]
 
 
 @dataclass
@@ -78,6 +79,7 @@ def quality(
     progress: Callable[[Plan], Progress] | None = None,
     show: Show | None = None,
     folder: Path | None = None,
+    most: int = MOST,
 ) -> Comparison:
     """Run a camera and its ideal, and measure how they differ.
 
@@ -95,10 +97,12 @@ def quality(
     progress : callable
         Makes the progress of a plan; the camera's and the ideal one's run one after the other.
     show : callable
-        Given for each finished row: its number and the number of rows, the axis values, the two pictures, the map of differences.
-        What it returns is the name of a PNG and its bytes, or nothing.
+        Given for each row that is chosen: its number, the axis values, the two pictures, the map of differences. What it returns is
+        the name of a PNG and its bytes.
     folder : Path
         Where the result will be written; it is made before anything is computed.
+    most : int
+        Rows that are shown at most, spread evenly over those that have pictures; a note counts the others.
 
     Raises
     ------
@@ -120,13 +124,14 @@ def quality(
     axes = {axis.key: axis.units for axis in camera_plan.axes}
     notes = list(dict.fromkeys([*camera_plan.warnings, *ideal.notes]))
     result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
-    flats = 0
+    flats, drawable = 0, 0
     places = list(_places(camera_plan))
-    for number, place in enumerate(places):
+    whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
+    chosen = evenly([number for number, why in enumerate(whys) if not why], most)
+    for number, (place, why) in enumerate(zip(places, whys, strict=True)):
         row: dict[str, Any] = {a.key: a.values[place[a.dim]] for a in camera_plan.axes}
         row |= {"status": "done", "reason": ""} | dict.fromkeys((*UNITS, *SCALARS), math.nan) | {"flat": None}
         result.rows.append(row)
-        why = _why_not(camera, place) or _why_not(perfect, place)
         if why:
             row |= {"status": "failed", "reason": why}
             continue
@@ -139,10 +144,21 @@ def quality(
         row |= found | {name: _scalar(camera, place, name) for name in SCALARS}
         row["flat"] = flat._asdict() if flat else None
         flats += flat is not None
-        if show is not None and (drawn := show((number, len(places)), {key: row[key] for key in axes}, shot, reference, shown)):
-            result.pictures |= dict([drawn])
+        drawable += shown is not None
+        if show is not None and shown is not None and number in chosen:
+            result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
     result.notes += [*_notes(result, camera_plan, flats), *floored(camera_plan, camera.reports)]
+    if show is not None and len(result.pictures) < drawable:
+        result.notes.append(
+            f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures {drawable} draws all"
+        )
     return result
+
+
+def evenly(rows: list[int], most: int) -> set[int]:
+    """At most so many of some rows, at even distances, the first and the last among them where there are two."""
+    count = min(most, len(rows))
+    return {rows[round(i * (len(rows) - 1) / max(1, count - 1))] for i in range(count)}
 
 
 def write(result: Comparison, folder: Path) -> None:
@@ -160,16 +176,12 @@ def write(result: Comparison, folder: Path) -> None:
             old.unlink()
 
 
-def pictures_of(name: str, most: int) -> Show:
-    """Draws camera, ideal camera and their difference, for at most so many cells, spread over the sweep."""
+def pictures_of(name: str) -> Show:
+    """Draws camera, ideal camera and their difference."""
 
-    def show(which: tuple[int, int], at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes] | None:
+    def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
         from etendue.report.quality import side_by_side
 
-        number, count = which
-        chosen = {round(i * (count - 1) / max(1, most - 1)) for i in range(min(most, count))}
-        if shown is None or number not in chosen:
-            return None
         where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
         picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
         return f"quality_{number:03d}.png", picture

@@ -202,6 +202,9 @@ def _plot(found: Comparison) -> bytes:
         figure = getattr(row, found.rank_by)
         if row.seconds_per_mpixel and figure is not None and math.isfinite(figure):  # neither can be 0 on logarithmic axes
             points.append(Point(row.label, row.seconds_per_mpixel, 10 ** (-figure / 20), row.pareto))
+    lacking = [row.label for row in found.rows if row.seconds_per_mpixel and getattr(row, found.rank_by) == math.inf]
+    if lacking and points:
+        found.notes.append(f"{PLOT} has logarithmic axes, on which no error has no place; not in it: {', '.join(lacking)}")
     if not points:
         return b""
     what = "the encoded picture" if found.rank_by == "psnr_encoded" else found.variable[1]
@@ -221,6 +224,11 @@ def _crops(found: Comparison) -> bytes:
         found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not in it: {', '.join(labels)}")
     if not alike:
         return b""
+    if len(alike) > MOST_CROPS:
+        others = ", ".join(row.label for row, _ in alike[MOST_CROPS:])
+        found.notes.append(
+            f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; --axis '{found.key}=...' with fewer shows others: {others}"
+        )
     strips = [Strip(f"reference of {best[0][0].label}" if found.own_reference else "reference", reference)]
     for row, at in alike[:MOST_CROPS]:
         strips.append(Strip(f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB", found.pictures[at]))
