@@ -43,6 +43,9 @@ class _Main(click.Group):
             ctx.exit(error.exit_code)
         except BrokenPipeError:  # whoever read the output has gone
             os._exit(141)
+        except MemoryError as error:
+            click.echo(f"the machine is short of memory{f': {error}' if str(error) else ''}; the archive is intact", err=True)
+            ctx.exit(5)
         except OSError as error:
             click.echo(f"the machine refused: {error}; the archive is intact, run again when there is room", err=True)
             ctx.exit(5)
@@ -82,7 +85,7 @@ def _number(text: str) -> Any:
 
         try:
             return tomllib.loads(f"v = {stripped}", parse_float=Decimal)["v"]
-        except tomllib.TOMLDecodeError:
+        except (ValueError, RecursionError):
             return stripped
     try:
         value = Decimal(stripped)
@@ -141,7 +144,7 @@ def _say(document: Any) -> None:
     click.echo(json.dumps(finite(document), allow_nan=False))
 
 
-def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool) -> Any:
+def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, quiet: bool = False) -> Any:
     from dataclasses import replace
 
     from etendue.plan.planner import make_plan
@@ -151,7 +154,12 @@ def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, not
     pipeline = read_pipeline(file, _overrides(settings, sweeps, want, tolerance))
     if want and pipeline.keep is not None and pipeline.wanted is not None:  # what is asked for now is kept, whatever the file keeps
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
-    return make_plan(pipeline, installed_stages(), not nothing_left_out)
+    if quiet or not sys.stderr.isatty():
+        return make_plan(pipeline, installed_stages(), not nothing_left_out)
+    from etendue.report.terminal import planning
+
+    with planning() as told:
+        return make_plan(pipeline, installed_stages(), not nothing_left_out, told)
 
 
 @main.command()
@@ -160,7 +168,7 @@ def plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, noth
     """What would run: stages, cells, bytes, time, what is left out and why."""
     from etendue.plan.planner import summary
 
-    made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out)
+    made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out, as_json)
     document = summary(made)
     if as_json:
         _say(document)
@@ -205,7 +213,7 @@ def run(
     On an archive that exists this resumes. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
     4 the archive is in use, 5 the machine is short, 130 or 143 interrupted (the archive is intact).
     """
-    made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out)
+    made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out, quiet or as_json)
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.session import Options, check_scheduler, execute
 

@@ -11,8 +11,25 @@ EtendueError
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+
+MOST_SAID = 30  # faults of one request in a message; JSON has all of them
+_TURNING = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # change the direction of what follows
+
+
+def unprintable(text: str) -> bool:
+    """Whether a text holds what does something to a terminal or a file name and is not seen: control characters, line ends."""
+    return not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") or c in _TURNING for c in text)
+
+
+def escaped(text: str) -> str:
+    """A text for a message: what cannot be seen as Python writes it, ``\\x1b``."""
+    if not unprintable(text):
+        return text
+    return "".join(c.encode("unicode_escape").decode() if unprintable(c) else c for c in text)
 
 
 class Terminated(KeyboardInterrupt):
@@ -34,7 +51,8 @@ class Fault:
     line: int | None = None  # of the pipeline file, where it is known
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.message}" if self.place else self.message
+        place, message = (text if len(text) <= most else f"{text[: most - 3]}..." for text, most in ((self.place, 120), (self.message, 700)))
+        return escaped(f"{place}: {message}" if place else message)
 
 
 class RequestError(EtendueError):
@@ -48,11 +66,14 @@ class RequestError(EtendueError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        return "\n".join(f"{self._where(fault)}{fault}" for fault in self.faults)
+        lines = [f"{self._where(fault)}{fault}" for fault in self.faults[:MOST_SAID]]
+        if len(self.faults) > MOST_SAID:
+            lines.append(f"{escaped(self.file)}: and {len(self.faults) - MOST_SAID} faults more")
+        return "\n".join(lines)
 
     def _where(self, fault: Fault) -> str:
         line = f":{fault.line}" if fault.line else ""
-        return f"{self.file}{line}: " if self.file else ""
+        return f"{escaped(self.file)}{line}: " if self.file else ""
 
 
 class PluginError(EtendueError):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etendue.errors import PluginError, nearest
+from etendue.errors import PluginError, nearest, unprintable
 from etendue.plan.keys import code_digest
 from etendue.plan.model import Alternative, Axis
 from etendue.plan.parameters import Unfit, expected, resolve
@@ -43,6 +43,9 @@ def alternatives_of(request: Request, entry: StageEntry) -> tuple[tuple[Alternat
             continue
         label = str(table.get("label", table["use"]))
         own = {k: v for k, v in table.items() if k not in ("use", "label")}
+        if unprintable(label) or not label:
+            request.fault(place, f"the label {as_written(label)} is no plain name: text without control characters")
+            continue
         if label in labels:
             request.fault(place, f"{label!r} stands twice; give one of them another 'label'")
             continue

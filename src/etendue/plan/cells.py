@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from etendue.plan import leave_out
 from etendue.plan.graph import Graph
 from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
+from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
@@ -33,9 +35,12 @@ class Choice:
     precision: str  # auto, float32 or float64
 
 
-def expand(graph: Graph, pipeline: Pipeline, choice: Choice) -> tuple[dict[CellRef, Cell], str]:
+Told = Callable[[int, int], None]  # how many cells are planned, of how many
+
+
+def expand(graph: Graph, pipeline: Pipeline, choice: Choice, told: Told = lambda done, total: None) -> tuple[dict[CellRef, Cell], str]:
     """All cells, and the precision they are computed in."""
-    return _Expansion(graph, pipeline, choice).expand()
+    return _Expansion(graph, pipeline, choice, told).expand()
 
 
 def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
@@ -55,11 +60,18 @@ def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inpu
             if source is None:
                 raise PluginError(f"{type(stage).__name__} does not say what {dim!r} of {declaration.variable} is")
             found[dim] = source[dim]
-    return Grid.of(found)
+    grid = Grid.of(found)
+    for dim, coordinate in grid.entries:
+        if coordinate.size > MOST_POINTS:
+            raise ValueError(f"{declaration.variable} has {beyond(coordinate.size, f'points along {dim}', MOST_POINTS, 'make it smaller')}")
+    if grid.count > MOST_VALUES:
+        raise ValueError(f"{declaration.variable} has {beyond(grid.count, 'values in one cell', MOST_VALUES, 'make it smaller')}")
+    return grid
 
 
 class _Expansion:
-    def __init__(self, graph: Graph, pipeline: Pipeline, choice: Choice) -> None:
+    def __init__(self, graph: Graph, pipeline: Pipeline, choice: Choice, told: Told) -> None:
+        self.told = told
         self.graph = graph
         self.pipeline = pipeline
         self.choice = choice
@@ -96,14 +108,29 @@ class _Expansion:
         return made
 
     def expand(self) -> tuple[dict[CellRef, Cell], str]:
+        total = self.count()
         self.precision = self.choose_precision()
         for node in self.graph.nodes:
             sizes = [range(len(self.axes[dim].values)) for dim in node.axes]
             for index in itertools.product(*sizes):
                 self.add(node, index)
+                if not len(self.cells) % 500:
+                    self.told(len(self.cells), total)
             if self.faults:
                 raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
         return self.cells, self.precision
+
+    def count(self) -> int:
+        """The cells there will be, refused where they are too many: before the first of them is made."""
+        counts = {node.name: math.prod(len(self.axes[dim].values) for dim in node.axes) for node in self.graph.nodes}
+        total = sum(counts.values())
+        if total > self.pipeline.most_cells:
+            largest = max(self.graph.nodes, key=lambda node: counts[node.name])
+            product = " x ".join(f"{self.axes[dim].key} {len(self.axes[dim].values)}" for dim in largest.axes)
+            text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
+            hint = f"; shorten an axis, ask for less with 'wanted', or set most_cells = {total}" if total < 1e9 else "; shorten an axis"
+            raise RequestError([Fault("sweep", text + hint)], self.pipeline.file)
+        return total
 
     def choose_precision(self) -> str:
         """float32 only where a float32 FFT keeps the darkest values of every scene right (error 2e-7 of the range)."""

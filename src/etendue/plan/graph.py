@@ -14,6 +14,7 @@ from etendue.errors import RequestError, nearest
 from etendue.plan.alternatives import alternatives_of
 from etendue.plan.axes import resolve_axes
 from etendue.plan.binding import link
+from etendue.plan.lacking import lacking
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.quantities import resolve_camera
 from etendue.plan.request import Request
@@ -37,6 +38,9 @@ class Graph:
 def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
     """Check a pipeline wholly; raises ``RequestError`` with every fault."""
     request = Request(pipeline, registry)
+    needed = lacking(pipeline, registry)
+    if needed:  # what its stages are, nobody can say: every other fault would follow from that
+        raise RequestError([*request.faults, *needed], pipeline.file)
     entries: dict[str, tuple[Alternative, ...]] = {}
     swapped: dict[str, Axis] = {}
     for entry in pipeline.stages:

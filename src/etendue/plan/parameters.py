@@ -13,7 +13,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from etendue.errors import nearest
+from etendue.errors import nearest, unprintable
 from etendue.spec.stage import Parameter
 from etendue.spec.units import UnitError, as_written, to_unit
 
@@ -106,6 +106,8 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         value = str(value)
     if not isinstance(value, str):
         raise Unfit(f"expected text, got {as_written(value)}")
+    if unprintable(value):
+        raise Unfit(f"{as_written(value)} holds control characters")
     if parameter.choices and value not in parameter.choices:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
     if value and (parameter.file or (parameter.table and value.endswith(".csv"))):

@@ -10,7 +10,7 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError
 from etendue.plan import cost, leave_out
-from etendue.plan.cells import Choice, expand
+from etendue.plan.cells import Choice, Told, expand
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.registry import Registry
@@ -18,8 +18,10 @@ from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import has_method
 
 
-def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True) -> Plan:
-    """Check a pipeline and expand it into cells.
+def make_plan(
+    pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None
+) -> Plan:  # fmt: skip
+    """Check a pipeline and expand it into cells; ``told`` hears how many of how many are planned.
 
     Raises
     ------
@@ -29,7 +31,7 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
     try:
         graph = build_graph(pipeline, registry)
         choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)
-        cells, precision = expand(graph, pipeline, choice)
+        cells, precision = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = resolve_keep(graph.nodes, graph.keep)

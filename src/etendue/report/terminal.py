@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.status import Status
 from rich.table import Table
 
 from etendue.plan.cost import cell_seconds
@@ -151,6 +154,27 @@ class TerminalProgress:
         if self.progress:
             self.progress.stop()
             self.progress = None
+
+
+@contextmanager
+def planning() -> Iterator[Callable[[int, int], None]]:
+    """A line on stderr that says how far a plan is, once it takes longer than a second."""
+    console, began = Console(stderr=True), time.monotonic()
+    said: Status | None = None
+
+    def told(done: int, total: int) -> None:
+        nonlocal said
+        if said is None and time.monotonic() - began > 1.0:
+            said = console.status("")
+            said.start()
+        if said is not None:
+            said.update(f"planning {done} of {total} cells")
+
+    try:
+        yield told
+    finally:
+        if said is not None:
+            said.stop()
 
 
 def outcome_document(outcome: Any) -> dict[str, Any]:

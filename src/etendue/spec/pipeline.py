@@ -14,13 +14,17 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from etendue.errors import Fault, RequestError, nearest
+from etendue.errors import Fault, RequestError, nearest, unprintable
 from etendue.spec import camera
+from etendue.spec.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
 from etendue.spec.presets import preset
 from etendue.spec.units import as_written
 
-TOP = ("name", "seed", "tolerance", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description")
-LARGEST_FILE = 1 << 20
+TOP = (
+    "name", "seed", "tolerance", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description", "requires",
+    "most_cells",
+)  # fmt: skip
+LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,8 @@ class Pipeline:
     seed: int = 0
     tolerance: float = 1e-4
     precision: str = "auto"
+    requires: tuple[str, ...] = ()  # distributions whose stages it uses
+    most_cells: int = MOST_CELLS  # a sweep of more is refused
     variant: str = ""
     description: str = ""
     file: str = ""
@@ -83,9 +89,11 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
     """
     name = str(path)
     try:
-        if path.stat().st_size > LARGEST_FILE:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)  # a device has no size to ask for, and no end
+        if len(content) > LARGEST_FILE:
             raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
-        text = path.read_text(encoding="utf-8-sig")
+        text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except IsADirectoryError:
         raise RequestError("is a directory; name the pipeline file in it", name) from None
     except FileNotFoundError:
@@ -103,6 +111,9 @@ def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), override
     Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
     together with all others.
     """
+    fault = dotted_fault(text)
+    if fault:
+        raise RequestError([fault], file)
     try:
         document = tomllib.loads(text, parse_float=Decimal)
     except RecursionError:
@@ -110,10 +121,17 @@ def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), override
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise RequestError([_not_toml(text, str(error))], file) from None
     lines = _lines(text)
+    _refuse_large(document, file, lines)
     for place in apply_overrides(document, overrides or {}, file):
         lines[place] = 0  # no longer what stands in the file
     given = tuple((key, value) for key, value in (overrides or {}).items())
     return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=given)
+
+
+def _refuse_large(document: Mapping[str, Any], file: str, lines: Mapping[str, int]) -> None:
+    fault = document_fault(document)
+    if fault:
+        raise RequestError([replace(fault, line=lines.get(fault.place))], file)
 
 
 def _not_toml(text: str, message: str) -> Fault:
@@ -199,7 +217,8 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
 
 
 def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
-    """A pipeline from a document; what is wrong with its form stands in ``faults``."""
+    """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is refused."""
+    _refuse_large(document, file, {})
     faults: list[Fault] = []
     for key in document:
         if key not in TOP:
@@ -208,8 +227,9 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
 
     def text_of(key: str, default: str) -> str:
         value = document.get(key, default)
-        if not isinstance(value, str) or (key == "name" and (not value or "/" in value or value.startswith("."))):
-            faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}"))
+        if not isinstance(value, str) or (key == "name" and not _plain(value)) or (key != "description" and unprintable(value)):
+            what = f"; at most {LONGEST_NAME} characters, no slash, no control characters, no dot in front" if key == "name" else ""
+            faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}{what}"))
             return default
         return value
 
@@ -220,7 +240,8 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         if isinstance(value, str):
             value = [value]
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            faults.append(Fault(key, f"expected a list of variables, got {as_written(value)}"))
+            what = "distributions, such as [\"etendue-lens-optiland\"]" if key == "requires" else "variables"
+            faults.append(Fault(key, f"expected a list of {what}, got {as_written(value)}"))
             return None
         return tuple(value)
 
@@ -232,6 +253,10 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | Decimal) or not 0 <= float(tolerance) < 1:
         faults.append(Fault("tolerance", f"expected a number of at least 0 and below 1, got {as_written(tolerance)}"))
         tolerance = 1e-4
+    most_cells = document.get("most_cells", MOST_CELLS)
+    if isinstance(most_cells, bool) or not isinstance(most_cells, int) or most_cells < 1:
+        faults.append(Fault("most_cells", f"expected a whole number of at least 1, got {as_written(most_cells)}"))
+        most_cells = MOST_CELLS
     precision = text_of("precision", "auto")
     if precision not in ("auto", "float32", "float64"):
         faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}"))
@@ -257,12 +282,19 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         seed=seed,
         tolerance=float(tolerance),
         precision=precision,
+        requires=names_of("requires") or (),
+        most_cells=most_cells,
         variant=text_of("variant", ""),
         description=text_of("description", ""),
         file=file,
         faults=tuple(faults),
         whole=whole,
     )
+
+
+def _plain(name: str) -> bool:
+    """Whether a name can be that of a folder, on any system."""
+    return bool(name) and len(name) <= LONGEST_NAME and not name.startswith(".") and not set(name) & set("/\\") and not unprintable(name)
 
 
 def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
@@ -313,8 +345,8 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
             whole = False
             continue
         name = table.get("name", use)
-        if not isinstance(name, str) or not name.replace("_", "a").replace("-", "a").isalnum():
-            faults.append(Fault(f"{place}.name", f"expected letters, digits and _, got {as_written(name)}"))
+        if not isinstance(name, str) or not name.replace("_", "a").replace("-", "a").isalnum() or len(name) > LONGEST_NAME:
+            faults.append(Fault(f"{place}.name", f"expected at most {LONGEST_NAME} letters, digits and _, got {as_written(name)}"))
             whole = False
             continue
         place = f"{place} {name}"

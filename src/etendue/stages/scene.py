@@ -18,6 +18,7 @@ from etendue import spectra
 from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quantity
 from etendue.physics import charts, charts_composite, resampling
 from etendue.physics.transfer import srgb_decode
+from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,11 @@ class Scene(Stage):
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
 
     def edges(self) -> tuple[float, ...]:
-        count = round((self.wavelength_to - self.wavelength_from) / self.bin_width)
+        quotient = (self.wavelength_to - self.wavelength_from) / self.bin_width
+        too_many = beyond(quotient, "bands", MOST_BANDS, f"bin_width {self.bin_width:g} nm is too narrow")
+        if too_many:
+            raise ValueError(too_many)
+        count = round(quotient)
         if count < 1 or abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) > 1e-6:
             raise ValueError(
                 f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm into whole bins"
@@ -61,6 +66,9 @@ class Scene(Stage):
     def plane(self) -> Grid:
         lines = {}
         for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
+            too_many = beyond(length / self.spacing, f"samples along {dim}", MOST_POINTS, "take a wider spacing or a smaller scene")
+            if too_many:
+                raise ValueError(too_many)
             size = max(1, round(length / self.spacing))
             lines[dim] = Line(size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing, cells=self.light == "cells")
         return Grid.of({"wavelength": Bands(self.edges()), **lines})
