@@ -5,25 +5,36 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
+from etendue import interrupts, streams
+
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+class _Command(click.Command):
+    """A command whose stdout is its results alone: what plugins print while it runs goes to stderr."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with streams.plugins_on_stderr():
+            return super().invoke(ctx)
 
 
 class _Main(click.Group):
     """Turns errors raised on purpose into one clear message and the right exit code."""
+
+    command_class = _Command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = "--json" in args
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        from etendue.errors import EtendueError, RequestError, Terminated
+        from etendue.errors import EtendueError, RequestError, machine_text
+        from etendue.telling import plain, printable, said, where
 
         as_json = bool(ctx.obj)
         try:
@@ -33,25 +44,34 @@ class _Main(click.Group):
                 faults = [{"file": error.file, "line": f.line, "place": f.place, "message": f.message} for f in error.faults]
                 _say({"faults": faults})
             else:
-                click.echo(str(error), err=True)
+                click.echo(printable(str(error)), err=True)
             ctx.exit(2)
         except EtendueError as error:
             if as_json and error.exit_code == 2:
                 _say({"faults": [{"file": "", "line": None, "place": "", "message": str(error)}]})
             else:
-                click.echo(str(error), err=True)
+                click.echo(printable(str(error)), err=True)
             ctx.exit(error.exit_code)
         except BrokenPipeError:  # whoever read the output has gone
             os._exit(141)
-        except MemoryError as error:
-            click.echo(f"the machine is short of memory{f': {error}' if str(error) else ''}; the archive is intact", err=True)
-            ctx.exit(5)
         except OSError as error:
-            click.echo(f"the machine refused: {error}; the archive is intact, run again when there is room", err=True)
+            click.echo(printable(machine_text(error)), err=True)
+            ctx.exit(5)
+        except MemoryError as error:
+            click.echo(f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is intact", err=True)
             ctx.exit(5)
         except KeyboardInterrupt as error:
-            click.echo("interrupted; the archive is intact, run again to go on", err=True)
-            ctx.exit(143 if isinstance(error, Terminated) else 130)
+            click.echo(interrupts.INTACT, err=True)
+            ctx.exit(getattr(error, "exit_code", 130))
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:
+            if os.environ.get("ETENDUE_TRACEBACK"):
+                raise
+            click.echo(
+                f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows", err=True
+            )
+            ctx.exit(1)
 
 
 @click.group(cls=_Main, context_settings=CONTEXT)
@@ -141,7 +161,25 @@ def _say(document: Any) -> None:
     """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor infinity."""
     from etendue.studies.files import finite
 
-    click.echo(json.dumps(finite(document), allow_nan=False))
+    with streams.results():
+        click.echo(json.dumps(_printable(finite(document)), allow_nan=False))
+
+
+def _show(draw: Any, *what: Any) -> None:
+    """Something for people on stdout."""
+    with streams.results():
+        draw(*what)
+
+
+def _printable(value: Any) -> Any:
+    """A document without control characters: who shows a text of it may be a terminal."""
+    from etendue.telling import printable
+
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, dict):
+        return {_printable(key): _printable(own) for key, own in value.items()}
+    return [_printable(own) for own in value] if isinstance(value, list | tuple) else value
 
 
 def _plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, quiet: bool = False) -> Any:
@@ -175,24 +213,7 @@ def plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, noth
         return
     from etendue.report.terminal import print_plan
 
-    print_plan(document)
-
-
-@contextmanager
-def _answering_sigterm() -> Iterator[None]:
-    """SIGTERM ends a run like Ctrl-C, for as long as one is going on."""
-    import signal
-
-    from etendue.errors import Terminated
-
-    def terminate(*_: object) -> None:
-        raise Terminated
-
-    before = signal.signal(signal.SIGTERM, terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    _show(print_plan, document)
 
 
 @main.command()
@@ -203,32 +224,38 @@ def _answering_sigterm() -> Iterator[None]:
 @click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line.")
 @click.option("--recompute", is_flag=True, help="Compute again what is already finished.")
 @click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform.")
+@click.option(
+    "--cell-timeout", type=click.FloatRange(0, min_open=True), metavar="SECONDS",
+    help="A cell that takes longer is stopped and counts as failed. With processes or tcp:// only: a thread cannot be stopped.",
+)
 @click.option("--quiet", is_flag=True, help="No progress.")
 def run(
     file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, as_json: bool, archive: Path | None,
-    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, quiet: bool,
+    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, cell_timeout: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
-    On an archive that exists this resumes. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
-    4 the archive is in use, 5 the machine is short, 130 or 143 interrupted (the archive is intact).
+    On an archive that exists this resumes. A cell whose stage breaks off, kills its worker process or takes longer than
+    --cell-timeout is recorded as failed, the rest goes on. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
+    4 the archive is in use, 5 the machine is short or the cluster is gone, 130 or 143 interrupted (the archive is intact).
     """
+    interrupts.say(interrupts.INTACT)
+    here = Path.cwd()  # a plugin may change it
     made = _plan(file, settings, sweeps, want, tolerance, nothing_left_out, quiet or as_json)
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.session import Options, check_scheduler, execute
+    from etendue.session import Options, check_scheduler, check_timeout, execute
 
-    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform)
-    folder = archive or Path(made.pipeline.name)
+    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform, cell_timeout=cell_timeout)
+    check_timeout(options)
+    folder = here / (archive or made.pipeline.name)
     if not as_json:
         for text in made.warnings:
             click.echo(f"note: {text}", err=True)
-    with _answering_sigterm():
-        outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
     if as_json:
         _say(outcome_document(outcome))
     else:
-        print_outcome(outcome)
-    sys.stdout.flush()
+        _show(print_outcome, outcome)
     sys.exit(3 if outcome.failed else 0)
 
 
@@ -278,19 +305,17 @@ def compare(
 
     pipeline = read_pipeline(file, _overrides(settings, (), (), None))
     options = Options(check_scheduler(scheduler), workers or 0)
-    with _answering_sigterm():
-        progress = None if as_json else TerminalProgress
-        asked = parse_axis(axis, _number)
-        folder = output or Path(f"{pipeline.name}-compare-{asked.key.removesuffix('.use').replace('.', '_')}")
-        found = measure(
-            pipeline, asked, repeat, noise_free, options, progress, not no_mtf50, lambda: check_folder(folder)
-        )  # fmt: skip
+    progress = None if as_json else TerminalProgress
+    asked = parse_axis(axis, _number)
+    folder = output or Path(f"{pipeline.name}-compare-{asked.key.removesuffix('.use').replace('.', '_')}")
+    found = measure(
+        pipeline, asked, repeat, noise_free, options, progress, not no_mtf50, lambda: check_folder(folder)
+    )  # fmt: skip
     files = write_files(found, folder)
     if as_json:
         _say({**document(found), "files": [str(path) for path in files]})
     else:
-        print_comparison(found, files)
-    sys.stdout.flush()
+        _show(print_comparison, found, files)
     sys.exit(3 if found.failed else 0)
 
 
@@ -339,17 +364,15 @@ def quality(
     options = Options(check_scheduler(scheduler), workers or 0)
     show = pictures_of(pipeline.name) if output else None
     progress = None if as_json else TerminalProgress
-    with _answering_sigterm():
-        found = measure(
-            pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show, output, pictures
-        )
+    found = measure(
+        pipeline, installed_stages(), samples_per_degree, without, keep, not nothing_left_out, options, progress, show, output, pictures
+    )
     if output:
         write(found, output)
     if as_json:
         _say(found.document())
     else:
-        print_quality(found.document())
-    sys.stdout.flush()
+        _show(print_quality, found.document())
     sys.exit(3 if found.failed else 0)
 
 
@@ -373,9 +396,11 @@ def noise(file: Path, settings: tuple[str, ...], reflectance: float, frames: int
     from etendue.studies.noise import noise as measure
 
     pipeline = read_pipeline(file, _overrides(settings, (), (), None))
-    with _answering_sigterm():
-        found = measure(pipeline, installed_stages(), reflectance, frames, None, None if as_json else TerminalProgress)
-    (_say if as_json else print_noise)(found.document())
+    found = measure(pipeline, installed_stages(), reflectance, frames, None, None if as_json else TerminalProgress)
+    if as_json:
+        _say(found.document())
+    else:
+        _show(print_noise, found.document())
 
 
 @main.command()
@@ -394,9 +419,9 @@ def stages(name: str | None, as_json: bool) -> None:
     if as_json:
         _say(documents)
     elif name:
-        print_stage(documents[0])
+        _show(print_stage, documents[0])
     else:
-        print_stages(documents)
+        _show(print_stages, documents)
 
 
 @main.command()
@@ -416,9 +441,9 @@ def quantities(name: str | None, as_json: bool) -> None:
     if as_json:
         _say(documents)
     elif name:
-        print_quantity(documents[0])
+        _show(print_quantity, documents[0])
     else:
-        print_quantities(documents)
+        _show(print_quantities, documents)
 
 
 @main.command()
@@ -433,7 +458,7 @@ def show(folder: Path, as_json: bool) -> None:
     if as_json:
         _say(document)
     else:
-        print_archive(document)
+        _show(print_archive, document)
 
 
 @main.command()
@@ -466,10 +491,11 @@ def export(
     if as_json:
         _say({"files": [str(path) for path in done.files], "skipped": [{"at": where, "why": why} for where, why in done.skipped]})
     else:
-        for path in done.files[:10]:
-            click.echo(str(path))
-        if len(done.files) > 10:
-            click.echo(f"... {len(done.files)} files in {done.folder}")
+        with streams.results():
+            for path in done.files[:10]:
+                click.echo(str(path))
+            if len(done.files) > 10:
+                click.echo(f"... {len(done.files)} files in {done.folder}")
         for text in done.notes:
             click.echo(f"note: {text}", err=True)
         for where, why in done.skipped:
@@ -489,6 +515,6 @@ def sensors(name: str | None, as_json: bool) -> None:
     if as_json:
         _say(documents)
     elif name:
-        print_sensor(documents[0])
+        _show(print_sensor, documents[0])
     else:
-        print_sensors(documents)
+        _show(print_sensors, documents)

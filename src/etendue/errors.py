@@ -5,16 +5,18 @@ EtendueError
 ├── PluginError         the author of a stage: it broke its own declaration     a failed cell, exit 3
 ├── ArchiveError        the person with the archive                             exit 2
 │   └── ArchiveInUse    another run owns it                                     exit 4
-└── MachineError        the machine is short of disk or memory                  exit 5
+└── MachineError        the machine is short of disk or memory, or a cluster gone   exit 5
 """
 
 from __future__ import annotations
 
 import difflib
+import errno
+import os
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-
 
 MOST_SAID = 30  # faults of one request in a message; JSON has all of them
 _TURNING = "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # change the direction of what follows
@@ -30,10 +32,6 @@ def escaped(text: str) -> str:
     if not unprintable(text):
         return text
     return "".join(c.encode("unicode_escape").decode() if unprintable(c) else c for c in text)
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM, answered like Ctrl-C: what is finished stays finished."""
 
 
 class EtendueError(Exception):
@@ -95,9 +93,28 @@ class ArchiveInUse(ArchiveError):
 
 
 class MachineError(EtendueError):
-    """The machine is short of disk or memory for this request."""
+    """The machine is short of disk or memory for this request, or the cluster that should compute it is gone."""
 
     exit_code = 5
+
+
+_SHORT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE})
+
+
+def machine_text(error: OSError) -> str:
+    """What the machine refused, and what to do; files by name."""
+    name = f": {os.path.basename(str(error.filename))}" if error.filename else ""
+    way_out = "run again when there is room" if error.errno in _SHORT else "run again when that is mended"
+    return f"the machine refused: {error.strerror or error}{name}; the archive is intact, {way_out}"
+
+
+@contextmanager
+def refused_by_the_machine() -> Iterator[None]:
+    """Reading and writing of an archive: what goes wrong there is nobody's but the machine's."""
+    try:
+        yield
+    except OSError as error:
+        raise MachineError(machine_text(error)) from error
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from etendue import interrupts
 from etendue.errors import ArchiveError, RequestError, nearest
 from etendue.plan import planner
 from etendue.plan.machine import check_machine
@@ -26,6 +27,7 @@ from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
 from etendue.run.memory import keep_freed_memory
 from etendue.run.serial import run_serial
+from etendue.run.watch import Stop, watched
 from etendue.spec.pipeline import Pipeline, from_document, parse_pipeline, read_pipeline
 from etendue.spec.ports import CellReport, Progress
 
@@ -41,6 +43,7 @@ class Options:
     accept_platform: bool = False
     batch_seconds: float = 0.1
     pictures: bool = True  # without an archive: whether a cell of every stage is drawn
+    cell_timeout: float | None = None  # seconds after which a cell is stopped and has failed; processes and clusters only
 
 
 @dataclass
@@ -105,6 +108,12 @@ def execute(
         Before anything is computed.
     """
     options, progress = options or Options(), progress or _Silent()
+    check_timeout(options)
+    with interrupts.held():  # signals are answered where nothing is torn
+        return _execute(plan, archive, options, progress)
+
+
+def _execute(plan: Plan, archive: str | Path | None, options: Options, progress: Progress) -> Outcome:
     check_machine(plan, Path(archive) if archive is not None else None)
     if archive is None:
         return _in_memory(plan, options, progress)
@@ -159,16 +168,21 @@ def execute(
         from etendue.report import pictures, tables
 
         progress.begin(len(todo))
+        stop = Stop()
         try:
-            _run(partition(jobs, options.batch_seconds), show, before, after, options)
+            interrupts.check()
+            _run(partition(jobs, options.batch_seconds), show, before, after, options, stop)
         except KeyboardInterrupt:  # what is finished can be looked at, and the next run goes on from it
             _merge_journal(outcome, store)
             stored = _as_stored(outcome, store)
             store.close_run({"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)})
             provenance.write_manifest(store.folder)
+            store.sweep(stop.abandoned)
             raise
         finally:
             progress.end()
+        if outcome.failed:  # a worker that was stopped may have left a file half written
+            store.sweep()
         _merge_journal(outcome, store)
         stored = _as_stored(outcome, store)
         kept_tables = {"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)}
@@ -258,6 +272,7 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
             lambda b: progress.starting(tuple({j.ref[0] for j in b.jobs})),
             after,
             options,
+            Stop(),
         )
     finally:
         progress.end()
@@ -270,7 +285,7 @@ def _in_memory(plan: Plan, options: Options, progress: Progress) -> Outcome:
     return Outcome(plan, reports, set(), time.perf_counter() - began, tree=tree, arrays=arrays, shown_at=where_shown(plan))
 
 
-def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options) -> None:
+def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options, stop: Stop) -> None:
     from threadpoolctl import threadpool_limits
 
     keep_freed_memory()
@@ -280,11 +295,12 @@ def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: 
         spectra.load_library()  # a second of imports is not the run time of whichever stage comes first
     with threadpool_limits(1):  # the results must not depend on how many threads a library would like
         if options.scheduler == "serial":
-            run_serial(batches, deliver, before, after)
+            watched(lambda: run_serial(batches, deliver, before, after, stop), stop)
             return
         from etendue.run.parallel import run_parallel
 
-        run_parallel(batches, deliver, before, after, options.scheduler, options.workers or os.cpu_count() or 1)
+        workers = options.workers or os.cpu_count() or 1
+        watched(lambda: run_parallel(batches, deliver, before, after, options.scheduler, workers, stop, options.cell_timeout), stop)
 
 
 def check_scheduler(text: str) -> str:
@@ -292,6 +308,13 @@ def check_scheduler(text: str) -> str:
     if text not in names and not text.startswith(("tcp://", "tls://")):
         raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
     return text
+
+
+def check_timeout(options: Options) -> None:
+    """A time limit is a promise to stop a cell, which only a process of its own allows."""
+    if options.cell_timeout is not None and options.scheduler in ("serial", "threads"):
+        what = f"with --scheduler {options.scheduler} nothing can stop a cell"
+        raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
 
 
 def _check_platform(folder: Path, old: Mapping[str, Any] | None, options: Options, now: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 import xarray
@@ -237,7 +238,7 @@ def test_worker_processes_end_when_their_owner_is_killed(whole, tmp_path):
         PYTHONPATH=str(place / "slowly"),
     )  # fmt: skip
     wait_for(lambda: done_cells(tmp_path / "a") > 5, process)
-    children = open(f"/proc/{process.pid}/task/{process.pid}/children").read().split()
+    children = [pid for task in Path(f"/proc/{process.pid}/task").glob("*/children") for pid in task.read_text().split()]
     assert len(children) >= 2
     process.kill()
     process.wait()

@@ -13,7 +13,7 @@ BROKEN = [
     (broken.Transposed, "test_it_writes_what_it_declares", "shape"),
     (broken.Undeclared, "test_it_writes_what_it_declares", "by_the_way"),
     (broken.Mutating, "test_inputs_are_left_alone", "writes into its input"),
-    (broken.ForcedMutating, "test_inputs_are_left_alone", "changes its input charge"),
+    (broken.ForcedMutating, "test_inputs_are_left_alone", "writes into its input"),
     (broken.UndefinedInTheDark, "test_extremes_stay_finite_or_are_refused_clearly", "NaN"),
     (broken.CrashingOnOnePixel, "test_extremes_stay_finite_or_are_refused_clearly", "IndexError"),
     (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state what is true"),

@@ -35,6 +35,7 @@ from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.ports import CellReport
 
 DATA = "data.zarr"
+ABANDONED = "abandoned"  # in place of the owner's id: a stage did not end when the run was interrupted
 FILL: dict[str, Any] = {"float32": float("nan"), "float64": float("nan"), "uint8": 0, "uint16": 0, "uint32": 0}
 TABLES = ("ledger", "summary", "frames")
 
@@ -159,9 +160,11 @@ class Archive:
 
         ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
         """
-        (self.folder / "run.id").write_text(self.run_id)
-        if not self._drop_consolidated():
-            self._sweep()
+        run_id = self.folder / "run.id"
+        ended_well = not run_id.exists() or run_id.read_text() != ABANDONED
+        run_id.write_text(self.run_id)
+        if not self._drop_consolidated() or not ended_well:
+            self.sweep()
         self._drop_unplanned()
         self.journal.set_axes(self.axes)
         self.root = zarr.open_group(str(self.folder / DATA), mode="a", zarr_format=3)
@@ -194,8 +197,10 @@ class Archive:
         os.replace(temporary, path)
         return True
 
-    def _sweep(self) -> None:
-        """Remove what a killed run left half written."""
+    def sweep(self, abandoned: bool = False) -> None:
+        """Remove what a killed run or worker left half written; of an abandoned run, whatever is still under way is refused."""
+        if abandoned:
+            (self.folder / "run.id").write_text(ABANDONED)
         for path in self.folder.rglob("*.partial"):
             path.unlink(missing_ok=True)
 

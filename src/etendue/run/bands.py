@@ -18,11 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.errors import PluginError
+from etendue.errors import PluginError, refused_by_the_machine
 from etendue.run.jobs import Job
+from etendue.run.ownership import for_reading, frozen
 from etendue.run.tables import coordinates_of, prepared_of
 from etendue.spec.grid import Bands, Grid
 from etendue.spec.stage import arguments_of, is_source, reads_of
+from etendue.telling import foreign
 
 
 class Banded(ABC):
@@ -69,7 +71,8 @@ class StoredBands(Banded):
 
     def __getitem__(self, band: int) -> Any:
         assert self.job.target is not None
-        return self.job.target.read_band(self.variable, band)
+        with refused_by_the_machine():
+            return self.job.target.read_band(self.variable, band)
 
 
 @dataclass(eq=False)
@@ -86,7 +89,10 @@ class StageBands(Banded):
 
     def __getitem__(self, band: int) -> Any:
         arrays = run_bands(self.job, self.given, slice(band, band + 1))
-        plane = np.asarray(arrays[self.variable])[0]
+        if not isinstance(arrays, Mapping) or self.variable not in arrays:
+            raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")
+        with foreign(f"{self.job.ref[0]!r}"):
+            plane = np.asarray(arrays[self.variable])[0]
         if plane.shape != self.shape[1:]:
             raise PluginError(f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not {self.shape[1:]}")
         plane = plane.astype(self.dtype, copy=False)
@@ -120,7 +126,8 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
     declared = reads_of(type(stage))
     inputs = {p: _cut(g, bands) for p, g in job.input_grids.items()}
     outputs = {v: _cut(g, bands) for v, g in job.grids.items()}
-    prepared = stage.by_band(prepared_of(stage, job.input_grids, job.grids), bands)
+    with foreign(f"{type(stage).__name__}.by_band"):
+        prepared = stage.by_band(prepared_of(stage, job.input_grids, job.grids), bands)
     known = {**coordinates_of(outputs), **coordinates_of(inputs), **coordinates_of(outputs, "out_"), "prepared": prepared}
     if not pixels:
         known |= {name: value[:1] for name, value in known.items() if name.removeprefix("out_").split("_")[0] in ("y", "x")}
@@ -134,8 +141,9 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
             if stage.negative == "error":
                 raise PluginError(f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses")
             cut = np.maximum(cut, 0)
-        known[port] = cut
-    return stage.run(**{name: known[name] for name in arguments_of(type(stage))})
+        known[port] = cut if isinstance(cut, Banded) else frozen(cut)
+    with foreign(f"{type(stage).__name__}.run"):
+        return stage.run(**{name: for_reading(known[name]) for name in arguments_of(type(stage))})
 
 
 def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:

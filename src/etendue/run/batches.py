@@ -8,8 +8,9 @@ Levels rise strictly along every dependency between batches, so that diamonds ca
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from etendue.plan.model import CellRef
 from etendue.run.bands import elsewhere
@@ -20,6 +21,7 @@ from etendue.run.segments import Result
 from etendue.spec.ports import CellReport
 
 TARGET_SECONDS = 0.1
+NOBODY: Mapping[CellRef, str] = MappingProxyType({})
 
 
 @dataclass
@@ -84,8 +86,13 @@ def run_batch(
     imports: tuple[tuple[CellRef, ...], ...],
     deliver: frozenset[CellRef],
     *before: BatchResult,
+    doomed: Mapping[CellRef, str] = NOBODY,
+    at: Callable[[int], None] | None = None,
 ) -> BatchResult:
-    """Run the jobs of one batch, dropping each array after its last reader."""
+    """Run the jobs of one batch, dropping each array after its last reader.
+
+    ``doomed``: cells that are known to fail, and why: they are not tried. ``at`` is told the number of every job that is begun.
+    """
     results: dict[CellRef, Result] = {}
     for refs, source in zip(imports, before, strict=True):
         results.update({ref: source.results[ref].read_only() for ref in refs})
@@ -96,9 +103,14 @@ def run_batch(
     own = set(exports)
     reports, kept = [], {}
     clock: float | None = None
-    for job in jobs:
+    for number, job in enumerate(jobs):
         began = time.thread_time() if clock is None else clock
-        result, report = compute(job, results, began)
+        if job.ref in doomed:
+            result, report = Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
+        else:
+            if at is not None:
+                at(number)
+            result, report = compute(job, results, began)
         clock = None if (job.store and job.target) or elsewhere.seconds else began + report.seconds
         results[job.ref] = result
         reports.append(report)

@@ -7,22 +7,24 @@ Out: its ``Result`` and a ``CellReport``; a failure is a report, not an exceptio
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from etendue.errors import ArchiveInUse, EtendueError, PluginError
+from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
+from etendue.interrupts import is_ours
 from etendue.physics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.run.jobs import Job
 from etendue.run.otf import transfers_of, weights_of
+from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
 from etendue.spec.ports import COUNTED, CellReport
 from etendue.spec.stage import arguments_of, has_method, is_transfer, word_of
+from etendue.telling import plain, told
 
 
 def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> dict[str, Any]:
@@ -51,15 +53,16 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
             below = array < 0
             total = float(np.abs(array).sum(dtype=np.float64))
             clipped.append((float(below.mean()), float(-array[below].sum(dtype=np.float64)) / total if total else 0.0))
-            array = np.maximum(array, 0)
-        given[port] = array
+            array = frozen(np.maximum(array, 0))
+        given[port] = for_reading(array)
     for port, what, pairs in job.looks_at:
         if what == "transfer":
             given[port] = transfers_of(job)
         elif word_of(job.stage, "with_grids", False):
-            given[port] = [(n, results[ref].arrays[what], grid) for (n, ref), grid in zip(pairs, job.looked_grids[port], strict=True)]
+            seen = zip(pairs, job.looked_grids[port], strict=True)
+            given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
         else:
-            given[port] = [(name, results[ref].arrays[what]) for name, ref in pairs]
+            given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
     others = [name for name in wanted if name not in given]
     if "prepared" in others:
         given["prepared"] = _prepared(job)
@@ -76,7 +79,7 @@ def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[
             if name not in given:
                 if name not in found:
                     raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
-                given[name] = found[name]
+                given[name] = for_reading(found[name])
     return {name: given[name] for name in wanted}
 
 
@@ -93,8 +96,8 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
     if not isinstance(arrays, dict):
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
     if set(arrays) != set(job.writes):
-        raise PluginError(f"{name}.run gave {sorted(arrays)}, but declares {sorted(job.writes)}")
-    checked = {}
+        raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
+    checked, arrays = {}, dict(arrays)
     for variable, declaration in job.writes.items():
         grid = job.grids[variable]
         leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
@@ -102,18 +105,23 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
         if isinstance(arrays[variable], Banded):
             checked[variable] = arrays[variable]  # checked band by band, as it is made
             continue
-        array = np.asarray(arrays[variable])
+        array = as_array(name, variable, arrays.pop(variable))
         if array.shape != shape:
             raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {leading} = {shape}")
         wanted = np.dtype(job.precision if declaration.dtype == "float" else declaration.dtype)
         if wanted.kind == "f":
             if array.dtype.kind not in "fiub":
                 raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
-            array = array.astype(wanted, copy=False)
+            with np.errstate(over="ignore"):  # infinite values are looked for, and named, below
+                array = array.astype(wanted, copy=False)
         elif array.dtype != wanted:
             raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
-        array.flags.writeable = False
-        checked[variable] = array
+        if is_transfer(type(job.stage)):  # made by the engine, or what it read where nothing is to be done
+            checked[variable] = frozen(array if array.flags.c_contiguous else array.copy(order="C"))
+            continue
+        given = {variable: array}
+        del array
+        checked[variable] = taken(given, variable)
     return checked
 
 
@@ -161,36 +169,47 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             result, arrays = _load(job, results)
             result.arrays, result.lowest = arrays, _undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
-        if is_transfer(type(job.stage)):
-            result, arrays = transferred(job, results)
-        elif job.left_out:
-            sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
-            result, arrays = Result(), {name: sources[name] for name in job.writes}
-        elif job.by_band:
-            given = {port: results[ref].arrays[variable] for port, ref, variable in job.inputs}
-            result, arrays = Result(), made_by_band(job, given)
-        else:
-            result, arrays = Result(), job.stage.run(**_arguments(job, results, clipped))  # type: ignore[attr-defined]
-        if arrays:
-            arrays = check(job, arrays)
-            result.lowest = _undefined(job, arrays)
-        seconds = time.thread_time() - began + elsewhere.seconds
-        written: tuple[Any, ...] = ()
-        if job.target and job.store:
-            given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
-            written = job.target.write(given)
-            seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
-            arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
+        with as_it_was():
+            result, arrays = _made(job, results, clipped)
+            seconds = time.thread_time() - began + elsewhere.seconds
+            written: tuple[Any, ...] = ()
+            if job.target and job.store:
+                given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
+                with refused_by_the_machine():
+                    written = job.target.write(given)
+                seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
+                arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = clipped[0] if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
         floored = sum(float(np.nansum(arrays[v])) for v in arrays if v.endswith(COUNTED))
         return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
-    except (OSError, ArchiveInUse):
-        raise  # the machine's fault, or another run owns the archive now: not the stage's, ends the run
-    except Exception as error:
-        text = str(error) if isinstance(error, EtendueError) else "".join(traceback.format_exception(error, limit=-3)).strip()
+    except (MachineError, ArchiveInUse):
+        raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run
+    except BaseException as error:  # also SystemExit and the like: a stage ends nothing but its own cell
+        if is_ours(error):
+            raise
+        text = plain(str(error)) if isinstance(error, EtendueError) else told(error)
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", time.thread_time() - began, message=text)
+
+
+def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> tuple[Result, dict[str, Any]]:
+    """What the stage makes of what it reads, checked."""
+    if is_transfer(type(job.stage)):
+        result, arrays = transferred(job, results)
+    elif job.left_out:
+        sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
+        arrays = {name: sources[name] for name in job.writes}
+        return Result(lowest=_undefined(job, arrays)), arrays
+    elif job.by_band:
+        given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
+        result, arrays = Result(), made_by_band(job, given)
+    else:
+        result, arrays = Result(), job.stage.run(**_arguments(job, results, clipped))  # type: ignore[attr-defined]
+    if arrays or not is_transfer(type(job.stage)):
+        arrays = check(job, arrays)
+        result.lowest = _undefined(job, arrays)
+    return result, arrays
 
 
 def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
@@ -200,8 +219,6 @@ def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str
     else:
         result = Result()
     assert job.target is not None
-    arrays = {v: StoredBands(job, v) if v in job.by_band else job.target.read(v) for v in job.deliver}
-    for array in arrays.values():
-        if not isinstance(array, Banded):
-            array.flags.writeable = False
-    return result, arrays
+    with refused_by_the_machine():
+        arrays = {v: StoredBands(job, v) if v in job.by_band else job.target.read(v) for v in job.deliver}
+    return result, {v: array if isinstance(array, Banded) else frozen(array) for v, array in arrays.items()}

@@ -6,7 +6,7 @@ Jobs are plain values that travel to another thread or process. The owner of a r
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -65,6 +65,11 @@ class Job:
         refs = [ref for _, ref, _ in self.inputs]
         refs += [ref for port, what, pairs in self.looks_at if what != "transfer" for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
+
+
+    def without_stage(self) -> Job:
+        """The same job for those who will not compute it: what its stage is cannot be said to another process."""
+        return replace(self, stage=Stage(), transfers=(), joined=None, channel_weights=None)
 
 
 def make_jobs(

@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.run.jobs import Job
 from etendue.run.segments import transfer_of
-from etendue.run.tables import TABLES, prepared_of
+from etendue.run.tables import TABLES, asked_weights, prepared_of
 from etendue.spec.grid import Bands, Grid
 from etendue.spec.stage import Stage, ends_in_sum, state_of
 
@@ -38,7 +38,7 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
 
 def weights_of(stage: Stage, edges: tuple[float, ...]) -> Any:
     """(channel, wavelength): photons by wavelength of a stage that ends in a sum."""
-    return np.asarray(stage.weights(_prepared(stage, edges)))  # type: ignore[attr-defined]
+    return asked_weights(stage, _prepared(stage, edges))
 
 
 def _prepared(stage: Stage, edges: tuple[float, ...]) -> Any:

@@ -18,7 +18,7 @@ from etendue.physics import expansion, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
-from etendue.run.tables import TABLES, prepared_of
+from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, ends_in_sum
 
@@ -48,8 +48,7 @@ class JoinedTransfer:
     def _product(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         product = np.ones((wavelength.size, 1, 1))
         for stage, prepared in zip(self.stages, self._prepared, strict=True):
-            own: Any = stage
-            product = product * (own.transfer(fy, fx, wavelength) if prepared is None else own.transfer(fy, fx, wavelength, prepared))
+            product = product * asked_transfer(stage, fy, fx, wavelength, prepared)
         return product
 
     @cached_property
@@ -136,17 +135,14 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
         stages = (*job.joined, *(() if job.left_out else (job.stage,)))
         return {name: FilteredBands(light, JoinedTransfer(stages, grid, job.precision)) if stages else light}
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
-    end: Any = job.stage
-    weights = np.asarray(end.weights(prepared), dtype=float)
+    weights = asked_weights(job.stage, prepared).astype(float)
     joined = JoinedTransfer(job.joined, grid, job.precision)
     terms = int(getattr(job.stage, "wavelength_terms", 0))
     channels = _expanded(job, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
     fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
-    aperture = np.asarray(
-        job.stage.transfer(fy, fx, joined.wavelengths) if prepared is None else job.stage.transfer(fy, fx, joined.wavelengths, prepared)  # type: ignore[attr-defined]
-    )
+    aperture = asked_transfer(job.stage, fy, fx, joined.wavelengths, prepared)
     if aperture.ndim == 3 and aperture.shape[0] > 1:
         raise ValueError(f"{type(job.stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
     aperture = aperture.reshape(aperture.shape[-2:]).astype(np.result_type(channels.real if aperture.dtype.kind == "f" else channels))

@@ -20,7 +20,7 @@ from etendue.physics import cell_pixels, cells, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
-from etendue.run.tables import TABLES, prepared_of
+from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, ends_in_sum, state_of
 
@@ -57,8 +57,7 @@ class CellTransfer:
         def product(fy: Any, fx: Any) -> Any:
             found: Any = np.ones((1, 1))
             for stage, prepared in self._given:
-                own: Any = stage
-                value = np.asarray(own.transfer(fy, fx, at) if prepared is None else own.transfer(fy, fx, at, prepared))
+                value = asked_transfer(stage, fy, fx, at, prepared)
                 if value.ndim == 3 and value.shape[0] > 1:
                     raise ValueError(f"{type(stage).__name__}.transfer gives {value.shape[0]} planes for 1 wavelength")
                 found = found * value.reshape(value.shape[-2:])
@@ -131,7 +130,7 @@ def _pixels(job: Job, light: Any, grid: Grid, before: tuple[Stage, ...]) -> Any:
     """Sums over wavelength at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
     end: Any = job.stage
-    weights: Any = np.asarray(end.weights(prepared), dtype=float)
+    weights: Any = asked_weights(end, prepared).astype(float)
     (out,) = job.grids.values()
     lines = [(grid.line(dim), *out.line(dim).um(), out.line(dim).size) for dim in ("y", "x")]
     joined, windows = CellTransfer(before, grid, job.precision), None

@@ -16,9 +16,10 @@ from etendue.physics import sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded
 from etendue.run.jobs import Job
+from etendue.run.ownership import frozen
 from etendue.run.segment_bands import from_bands
 from etendue.run.segment_cells import from_cells
-from etendue.run.tables import TABLES, prepared_of
+from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
 from etendue.spec.grid import Bands
 from etendue.spec.stage import Stage, ends_in_sum, state_of
 
@@ -41,15 +42,14 @@ class Result:
         """Forbid writing into the arrays: a trip to another process forgets it."""
         for array in (*self.arrays.values(), self.spectrum, self.untouched):
             if array is not None and not isinstance(array, Banded):
-                array.flags.writeable = False
+                frozen(array)
         return self
 
 
 def transfer_of(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...], prepared: Any) -> Any:
     """The transfer function at separable frequencies, (wavelength, y, x) or without wavelength."""
     bands = Bands(edges)
-    wavelength = np.array(bands.values())[:, None, None] * 1e-3
-    return stage.transfer(fy, fx, wavelength) if prepared is None else stage.transfer(fy, fx, wavelength, prepared)  # type: ignore[attr-defined]
+    return asked_transfer(stage, fy, fx, np.array(bands.values())[:, None, None] * 1e-3, prepared)
 
 
 def _grid_transfer(job: Job) -> Any:
@@ -88,7 +88,7 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
         otf = _grid_transfer(job)
         if otf.ndim == 3 and otf.shape[0] > 1:
             spectrum = spectrum * otf
-        channels = sampling.sum_over_wavelength(np.asarray(job.stage.weights(prepared)), np.ascontiguousarray(spectrum))  # type: ignore[attr-defined]
+        channels = sampling.sum_over_wavelength(asked_weights(job.stage, prepared), np.ascontiguousarray(spectrum))
         if not (otf.ndim == 3 and otf.shape[0] > 1):
             channels = channels * otf
         out = job.grids[name]

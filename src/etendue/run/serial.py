@@ -7,6 +7,7 @@ from collections.abc import Callable
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
 from etendue.run.order import depth_first
+from etendue.run.watch import Stop
 
 
 def run_serial(
@@ -14,6 +15,7 @@ def run_serial(
     deliver: frozenset[CellRef],
     before: Callable[[Batch], None],
     after: Callable[[Batch, BatchResult], None],
+    stop: Stop | None = None,
 ) -> None:
     """Run batches one after the other; ``before`` and ``after`` are told in the owner's thread."""
     finished: dict[int, BatchResult] = {}
@@ -23,6 +25,8 @@ def run_serial(
             readers[number] = readers.get(number, 0) + 1
     by_number = {batch.number: batch for batch in batches}
     for batch in (by_number[n] for n in depth_first(by_number, lambda n: by_number[n].inputs)):
+        if stop is not None:
+            stop.check()
         before(batch)
         inputs = sorted(batch.imports)
         result = run_batch(

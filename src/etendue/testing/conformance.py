@@ -174,7 +174,8 @@ class StageConformance:
         bench = self.bench
         for precision in PRECISIONS:
             trial = bench.run(bench.arrays("ordinary"), precision)
-            hold("read-only" not in trial.last_line, f"{bench.name} writes into its input: {trial.last_line}")
+            forced = "read-only" in trial.last_line or "WRITEABLE" in trial.last_line
+            hold(not forced, f"{bench.name} writes into its input: {trial.last_line}")
             hold(not trial.touched, f"{bench.name} changes its input {', '.join(trial.touched)}")
 
     def test_bits_do_not_depend_on_repetition_company_or_thread(self) -> None:

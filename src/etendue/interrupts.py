@@ -1,0 +1,117 @@
+"""Ctrl-C, SIGTERM and SIGHUP: one line and one exit code, whenever they come.
+
+Nothing is raised at the instant at which a signal happens to fall: an exception in the middle of an import, a lock or somebody
+else's event loop leaves a traceback at best. While nothing can be lost the process ends at once. While an archive is open the
+signal is noted, and answered where the run looks for it (``check``); the third one ends the process whatever it does.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+PATIENCE = 3  # so many signals end a process that does not come to an end by itself
+INTACT = "interrupted; the archive is intact, run again to go on"
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal that was noted, raised where it can be answered: what is finished stays finished."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"signal {number}")
+        self.exit_code = 128 + number
+
+
+class _State:
+    """What is known of signals in this process."""
+
+    owner = 0  # the process whose signals are all answered here; 0: a library in somebody's process
+    line = "interrupted"
+    noted = 0
+    count = 0
+    holding = 0
+
+
+def install() -> None:
+    """Answer signals from now on, for as long as the process lives. What the process was started to ignore it goes on ignoring."""
+    _State.owner = os.getpid()
+    _arm()
+
+
+def _arm() -> None:
+    for number in _SIGNALS:
+        if signal.getsignal(number) not in (signal.SIG_IGN, _answer):
+            signal.signal(number, _answer)
+
+
+def say(line: str) -> None:
+    """What is said from now on when a signal comes."""
+    _State.line = line
+
+
+def _answer(number: int, frame: FrameType | None) -> None:
+    _State.noted = _State.noted or number
+    _State.count += 1
+    if _State.holding and _State.count < PATIENCE:
+        return
+    if _State.owner == os.getpid():
+        leave()
+    if not _State.owner:
+        raise KeyboardInterrupt
+    os._exit(128 + number)  # a child that was forked
+
+
+def leave() -> None:
+    """End the process now, with the line and the code of the signal that was noted."""
+    try:
+        os.write(2, f"{_State.line}\n".encode())
+    except OSError:  # nobody listens
+        pass
+    os._exit(128 + (_State.noted or signal.SIGINT))
+
+
+def check() -> None:
+    """Raise ``Interrupted`` if a signal was noted."""
+    if _State.noted and _State.holding:
+        raise Interrupted(_State.noted)
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Signals are noted in here. One that nobody has answered is raised at the end.
+
+    In somebody else's process, Ctrl-C alone, and only where it has the meaning that Python gives it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+    ours = not _State.owner and not _State.holding and before is signal.default_int_handler
+    if ours:
+        signal.signal(signal.SIGINT, _answer)
+    elif _State.owner:
+        _arm()  # a plugin may have taken them
+    _State.holding += 1
+    try:
+        yield
+        check()
+    finally:
+        _State.holding -= 1
+        if ours:
+            signal.signal(signal.SIGINT, before)
+        if not _State.owner and not _State.holding:
+            _State.noted = _State.count = 0
+
+
+def is_ours(error: BaseException) -> bool:
+    """Whether an exception is a signal of the user's, not one that a plugin has raised."""
+    if isinstance(error, Interrupted):
+        return True
+    if not isinstance(error, KeyboardInterrupt) or threading.current_thread() is not threading.main_thread():
+        return False
+    return signal.getsignal(signal.SIGINT) is signal.default_int_handler

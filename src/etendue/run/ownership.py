@@ -1,0 +1,113 @@
+"""Arrays that nobody can change any more, and a process that is left as it was found.
+
+In:  an array that a stage gave back.
+Out: the same values, contiguous, in memory to which nobody else holds a reference; read-only views of it for readers.
+
+numpy lets an array that owns its memory be made writeable again by whoever holds it, a view of one that is read-only not. So
+readers are given views. What a stage still holds on to, or shows a view of, is copied: nobody knows when it is changed.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import PluginError
+
+
+def for_reading(array: Any) -> Any:
+    """A view that cannot be made writeable, of an array that is read-only; anything else as it is."""
+    return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
+
+
+def frozen(array: Any) -> Any:
+    """Forbid writing into an array and what it is a view of."""
+    at = array
+    while isinstance(at, np.ndarray):
+        at.flags.writeable = False
+        at = at.base
+    return array
+
+
+def taken(arrays: dict[str, Any], variable: str) -> Any:
+    """Take an array out of what a stage gave back: contiguous, frozen, and its own where anybody else could change it."""
+    array = arrays.pop(variable)
+    if not array.flags.c_contiguous:  # what is read back from an archive is: sums must not depend on it
+        return frozen(array.copy(order="C"))
+    return frozen(array if _alone(array) else array.copy(order="C"))
+
+
+def _alone(array: Any) -> bool:
+    """Whether nobody but the caller's variable refers to an array, nor to what it is a view of."""
+    if sys.getrefcount(array) > _HELD:
+        return False
+    while array.base is not None:
+        array = array.base
+        if type(array) is not np.ndarray or sys.getrefcount(array) > _BASE:
+            return False
+    return bool(array.flags.owndata)
+
+
+def _calibrate() -> tuple[int, int]:
+    """Reference counts of an array that nobody else holds, as ``_alone`` sees them when ``taken`` asks."""
+    seen = []
+
+    def alone(array: Any) -> bool:
+        seen.append(sys.getrefcount(array))
+        while array.base is not None:
+            array = array.base
+            seen.append(sys.getrefcount(array))
+        return True
+
+    def taken_like(arrays: dict[str, Any], variable: str) -> Any:
+        array = arrays.pop(variable)
+        return frozen(array if alone(array) else np.empty(0))
+
+    taken_like({"a": np.empty(2)[:1]}, "a")
+    return seen[0], seen[1]
+
+
+_HELD, _BASE = _calibrate()
+
+
+def as_array(name: str, variable: str, value: Any) -> Any:
+    """What a stage gave back as a plain array of numbers."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise PluginError(f"{name} gave {variable} as a masked array, whose mask nobody would see; fill it, or write NaN and declare nan")
+    try:
+        array = np.asarray(value)
+    except Exception as error:
+        raise PluginError(f"{name} gave {variable} as {type(value).__name__}, which is no array: {error}") from None
+    return array
+
+
+@contextmanager
+def as_it_was() -> Iterator[None]:
+    """Whatever a plugin changes about its process is put back behind it: error handling of numpy, warnings, working directory."""
+    folder, filters = _folder(), warnings.filters
+    shown = warnings.showwarning
+    kept = list(filters)
+    with np.errstate():
+        try:
+            yield
+        finally:
+            if warnings.filters is filters and filters != kept:  # another list: a thread beside this one catches warnings
+                filters[:] = kept  # type: ignore[index]
+                warnings._filters_mutated()  # type: ignore[attr-defined]
+            if warnings.showwarning is not shown:
+                warnings.showwarning = shown
+            if folder and _folder() != folder:
+                os.chdir(folder)
+
+
+def _folder() -> str:
+    try:
+        return os.getcwd()
+    except OSError:  # it has been removed
+        return ""

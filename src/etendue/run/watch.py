@@ -1,0 +1,68 @@
+"""A run under watch: the work is done in a thread of its own, so that this one can answer signals where nothing is torn.
+
+In:  the work, as a function of a ``Stop`` that it asks before every batch.
+Out: when the work has ended; ``Interrupted`` when it was asked to stop.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from etendue import interrupts
+
+GRACE = 3.0  # seconds in which the batches under way may end; a stage that hangs in a thread cannot be stopped
+LOOK = 0.05  # seconds between two looks for a signal
+
+
+class Stopped(Exception):
+    """The run has been asked to stop; nothing more is begun."""
+
+
+class Stop:
+    """Whether the run has been asked to stop."""
+
+    def __init__(self) -> None:
+        self._asked = threading.Event()
+        self.abandoned = False  # a batch was still under way when the run was given up
+
+    def ask(self) -> None:
+        self._asked.set()
+
+    @property
+    def asked(self) -> bool:
+        return self._asked.is_set()
+
+    def check(self) -> None:
+        if self._asked.is_set():
+            raise Stopped
+
+
+def watched(work: Callable[[], None], stop: Stop) -> None:
+    """Run ``work`` to its end, or until a signal comes and what is under way has ended."""
+    broke: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            work()
+        except Stopped:
+            pass
+        except BaseException as error:
+            broke.append(error)
+
+    worker = threading.Thread(target=run, name="run", daemon=True)
+    worker.start()
+    try:
+        while worker.is_alive():
+            worker.join(LOOK)
+            interrupts.check()
+    except KeyboardInterrupt:
+        stop.ask()
+        until = time.monotonic() + GRACE
+        while worker.is_alive() and time.monotonic() < until:
+            worker.join(LOOK)
+        stop.abandoned = worker.is_alive()
+        raise
+    if broke:
+        raise broke[0]

@@ -1,0 +1,253 @@
+"""Worker processes that may die: each serves one thread of the run, which knows at every instant at which cell its worker is.
+
+In:  batches, as plain values.
+Out: their results. A cell at which its worker dies, or takes longer than it may, is a failed cell; the rest of the batch is
+computed by a new worker.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.connection
+import os
+import pickle
+import queue
+import signal
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import cloudpickle
+
+from etendue.errors import EtendueError, MachineError
+from etendue.interrupts import is_ours
+from etendue.plan.model import CellRef
+from etendue.run.batches import BatchResult, run_batch
+from etendue.run.jobs import Job
+from etendue.run.memory import keep_freed_memory
+from etendue.run.watch import GRACE, Stop, Stopped
+from etendue.telling import said
+
+FROM_OUTSIDE = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT})  # a cell is given a second chance
+LOOK = 0.2
+STARTING = 120.0  # seconds beyond a time limit in which a worker may import what it needs
+_limits: Any = None
+
+
+# -- in the worker ------------------------------------------------------------------------------------------
+
+
+def one_thread_inside() -> None:
+    """BLAS with one thread: results must not depend on how many there are."""
+    global _limits
+    keep_freed_memory()
+    from threadpoolctl import threadpool_limits
+
+    _limits = threadpool_limits(1)
+
+
+def begin_worker() -> None:
+    """In a new worker process: Ctrl-C is the owner's to answer, and a worker whose owner was killed ends by itself."""
+    import warnings
+
+    from etendue.streams import show_warning
+
+    one_thread_inside()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.showwarning = show_warning
+    owner = multiprocessing.parent_process()
+    if owner is not None:
+        threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
+
+
+def _end_with(owner: Any) -> None:
+    owner.join()
+    os._exit(1)
+
+
+def serve(pipe: Any) -> None:
+    """Compute batches as they come, say at which cell, until the owner hangs up."""
+    begin_worker()
+    while True:
+        try:
+            data = pipe.recv_bytes()
+        except (EOFError, OSError):
+            os._exit(0)
+        try:
+            jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
+            result = run_batch(
+                jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: pipe.send_bytes(f"@{number}".encode())
+            )
+            answer = b"=" + cloudpickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
+            del result, before
+        except EtendueError as error:  # the machine's, or the archive is somebody else's: for the owner
+            answer = b"!" + pickle.dumps((type(error), str(error)))
+        except BaseException as error:
+            answer = b"!" + pickle.dumps((MachineError, f"a worker broke off: {said(error)}"))
+        pipe.send_bytes(answer)
+
+
+# -- in the owner -------------------------------------------------------------------------------------------
+
+
+class Died(Exception):
+    """A worker is gone: at which job of the batch (-1: before the first), and how."""
+
+    def __init__(self, at: int, how: str, from_outside: bool) -> None:
+        super().__init__(how)
+        self.at, self.how, self.from_outside = at, how, from_outside
+
+
+class Worker:
+    """One process, and the pipe to it."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=serve, args=(theirs,), name="etendue worker")
+        # What is blocked here is blocked in the child from its first instruction on: Ctrl-C goes to all processes of a terminal.
+        kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self.process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+        theirs.close()
+
+    def ask(self, data: bytes, stop: Stop, limit: float | None) -> BatchResult:
+        """The result of a batch; raises ``Died``, or ``Stopped`` when the run was told to stop and the worker did not end soon."""
+        at, since, end = -1, time.monotonic(), None
+        try:
+            self.pipe.send_bytes(data)
+            while True:
+                if multiprocessing.connection.wait([self.pipe, self.process.sentinel], LOOK) and self.pipe.poll():
+                    answer = self.pipe.recv_bytes()
+                    if answer[:1] == b"@":
+                        at, since = int(answer[1:]), time.monotonic()
+                        continue
+                    if answer[:1] == b"!":
+                        kind, text = pickle.loads(answer[1:])
+                        raise kind(text)
+                    return pickle.loads(memoryview(answer)[1:])
+                if not self.process.is_alive():
+                    raise EOFError
+                if stop.asked:
+                    end = end or time.monotonic() + 0.7 * GRACE
+                    if time.monotonic() > end:
+                        self.kill()
+                        raise Stopped
+                allowed = None if limit is None else limit + (STARTING if at < 0 else 0.0)
+                if allowed is not None and time.monotonic() - since > allowed:
+                    self.kill()
+                    raise Died(at, f"no answer within {limit:g} s: its worker was stopped (--cell-timeout)", False)
+        except (EOFError, OSError):
+            self.process.join(5)
+            code = self.process.exitcode
+            self.kill()
+            if code is not None and code < 0:
+                name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+                hint = "; the system kills what takes too much memory" if -code == signal.SIGKILL else ""
+                raise Died(at, f"its worker process died of {name}{hint}", -code in FROM_OUTSIDE) from None
+            raise Died(at, f"its worker process ended with exit code {code}", False) from None
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+    def end(self) -> None:
+        """Hang up; a worker that has nothing to do ends by itself."""
+        try:
+            self.pipe.close()
+            self.process.join(2)
+        finally:
+            self.process.kill()
+            self.process.join()
+
+
+class Crew:
+    """So many places for workers. A worker is started when a place needs one, and stays there."""
+
+    def __init__(self, places: int, stop: Stop, cell_timeout: float | None = None) -> None:
+        self.stop, self.limit = stop, cell_timeout
+        self.free: queue.LifoQueue[Worker | None] = queue.LifoQueue()
+        for _ in range(places):
+            self.free.put(None)
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        idle = [worker for worker in _all(self.free) if worker is not None]
+        for worker in idle:
+            worker.pipe.close()
+        for worker in idle:
+            worker.end()
+
+    def run_batch(
+        self,
+        jobs: tuple[Job, ...],
+        exports: tuple[CellRef, ...],
+        imports: tuple[tuple[CellRef, ...], ...],
+        deliver: frozenset[CellRef],
+        *before: BatchResult,
+    ) -> BatchResult:
+        """``run_batch`` in a worker, as often as it takes to find the cells that kill workers."""
+        own = frozenset(job.ref for job in jobs)
+        needed = tuple(
+            BatchResult({r: source.results[r] for r in refs if r in source.results}, (), {})
+            for refs, source in zip(imports, before, strict=True)
+        )
+        doomed: dict[CellRef, str] = dict(unfit(jobs))
+        jobs = tuple(job if job.ref not in doomed else job.without_stage() for job in jobs)
+        second_chance: set[int] = set()
+        while True:
+            self.stop.check()
+            data = cloudpickle.dumps((jobs, exports, imports, deliver & own, doomed, needed), protocol=pickle.HIGHEST_PROTOCOL)
+            worker = self.free.get()
+            try:
+                worker = worker or Worker()
+                return worker.ask(data, self.stop, self.limit)
+            except Died as death:
+                worker = None
+                self.stop.check()  # killed together with its owner
+                if death.from_outside or death.at < 0:
+                    if death.at not in second_chance:
+                        second_chance.add(death.at)
+                        continue
+                if death.at < 0:
+                    how = f"{death.how} before it began; a script that uses processes needs: if __name__ == '__main__':"
+                    doomed |= {job.ref: how for job in jobs}
+                    return run_batch(jobs, exports, imports, deliver, *before, doomed=doomed)
+                doomed[jobs[death.at].ref] = death.how
+            except Stopped:
+                worker = None
+                raise
+            finally:
+                self.free.put(worker)
+
+
+def _all(places: queue.LifoQueue[Worker | None]) -> list[Worker | None]:
+    found = []
+    while not places.empty():
+        found.append(places.get_nowait())
+    return found
+
+
+def unfit(jobs: tuple[Job, ...]) -> Mapping[CellRef, str]:
+    """The jobs whose stage cannot travel to another process, and why."""
+    try:
+        cloudpickle.dumps([job.stage for job in jobs])
+        return {}
+    except BaseException as error:
+        if is_ours(error):
+            raise
+    found = {}
+    for job in jobs:
+        try:
+            cloudpickle.dumps((job.stage, job.transfers, job.joined, job.channel_weights))
+        except BaseException as error:
+            if is_ours(error):
+                raise
+            found[job.ref] = f"its stage cannot travel to another process: {said(error)}"
+    return found

@@ -1,0 +1,93 @@
+"""What goes to stdout: results, and nothing else. Plugins and the libraries below them may print whatever they like.
+
+While a command runs, file descriptor 1 and ``sys.stdout`` are stderr; ``results`` gives both back for as long as results are
+written. Worker processes inherit the former.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+
+class _State:
+    kept: int | None = None  # the stdout of this process, while plugins have stderr in its place
+    stream: TextIO | None = None
+
+
+@contextmanager
+def plugins_on_stderr() -> Iterator[None]:
+    """stdout is stderr in here, for Python and for C; warnings are one line each."""
+    if _State.stream is not None:
+        yield
+        return
+    before, shown = sys.stdout, warnings.showwarning
+    _State.stream = before
+    if _is_fd_1(before):
+        before.flush()
+        _State.kept = os.dup(1)
+        os.dup2(2, 1)
+    sys.stdout, warnings.showwarning = sys.stderr, show_warning  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        sys.stdout, warnings.showwarning = before, shown  # type: ignore[assignment]
+        if _State.kept is not None:
+            _flush_c()
+            os.dup2(_State.kept, 1)
+            os.close(_State.kept)
+        _State.kept = _State.stream = None
+
+
+@contextmanager
+def results() -> Iterator[None]:
+    """stdout is stdout again in here."""
+    stream = _State.stream
+    if stream is None:
+        yield
+        return
+    if _State.kept is not None:
+        _flush_c()
+        os.dup2(_State.kept, 1)
+    sys.stdout = stream
+    try:
+        yield
+        stream.flush()
+    finally:
+        sys.stdout = sys.stderr
+        if _State.kept is not None:
+            os.dup2(2, 1)
+
+
+def _is_fd_1(stream: Any) -> bool:
+    try:
+        return bool(stream.fileno() == 1)
+    except (OSError, ValueError, AttributeError):  # a stream that is no file
+        return False
+
+
+def _flush_c() -> None:
+    """What C code has printed and its library still holds: it belongs to where it was meant to go."""
+    if "numpy" not in sys.modules:  # no plugin has run
+        return
+    import ctypes
+
+    try:
+        ctypes.CDLL(None).fflush(None)
+    except (OSError, AttributeError):
+        pass
+
+
+def show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
+    """A warning of a plugin or a library in one line, without folders of this machine."""
+    from etendue.telling import plain, shown_path
+
+    text = " ".join(plain(str(message)).split())
+    try:
+        (file or sys.stderr).write(f"note: {shown_path(os.path.abspath(filename))}:{lineno}: {category.__name__}: {text}\n")
+    except OSError:  # nobody listens
+        pass

@@ -1,0 +1,123 @@
+"""What foreign code says when it breaks, fit to be shown: which code it was, where in it, and nothing that a terminal obeys.
+
+In:  exceptions of plugins and libraries, texts of files and plugins.
+Out: plain text without control characters and without the folders of this machine.
+"""
+
+from __future__ import annotations
+
+import linecache
+import os
+import re
+import sys
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from etendue.errors import EtendueError, PluginError
+from etendue.interrupts import is_ours
+
+MOST_LINES = 20
+LONGEST_LINE = 500
+FRAMES = 3
+_BIDI = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u2028\u2029")
+_PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\[\]]+)+/?")
+
+
+def _harmless(character: str) -> bool:
+    return character == "\n" or (unicodedata.category(character) not in ("Cc", "Cs") and character not in _BIDI)
+
+
+def printable(text: str) -> str:
+    """Text without characters that a terminal obeys or that turn its order round; line ends stay."""
+    if text.isascii() and text.isprintable():
+        return text
+    text = text.replace("\r\n", "\n").replace("\t", "    ")
+    return "".join(c for c in text if _harmless(c))
+
+
+def plain(text: str) -> str:
+    """At most 20 lines of bounded length, printable, files named as seen from here."""
+    lines = without_folders(printable(text[: 4 * MOST_LINES * LONGEST_LINE])).strip("\n").split("\n")
+    lines = [line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]}... ({len(line)} characters)" for line in lines]
+    whole = 1 + text.strip("\n").count("\n")
+    if whole > MOST_LINES:  # the last line says most
+        last = text.strip("\n").rpartition("\n")[2][:LONGEST_LINE]
+        lines = [*lines[: MOST_LINES - 2], f"... ({whole - MOST_LINES + 1} more lines)", without_folders(printable(last))]
+    return "\n".join(lines)
+
+
+def without_folders(text: str) -> str:
+    """Absolute paths of this machine become relative to the working directory, or names of files."""
+    return _PATH.sub(lambda found: shown_path(found.group()), text) if "/" in text else text
+
+
+def shown_path(path: str) -> str:
+    """A path as seen from the working directory, below a folder of packages, or else its name."""
+    if not os.path.isdir("/" + path.split("/")[1]):
+        return path  # W m-2/nm, or a path of another machine
+    for folder in (_here(), *sorted(filter(os.path.isabs, sys.path), key=len, reverse=True)):
+        if folder not in ("", "/") and path.startswith(folder.rstrip("/") + "/"):
+            return path[len(folder.rstrip("/")) + 1 :]
+    return os.path.basename(path.rstrip("/"))
+
+
+def _here() -> str:
+    try:
+        return os.getcwd()
+    except OSError:
+        return ""
+
+
+def said(error: BaseException) -> str:
+    """Type and text of an exception. Its ``__str__`` is foreign code too."""
+    try:
+        text = str(error)
+    except BaseException as worse:
+        if is_ours(worse):
+            raise
+        text = f"(its text cannot be had: {type(worse).__name__})"
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        text = f"{error.strerror}: {os.path.basename(str(error.filename))}"
+    return f"{type(error).__name__}: {plain(text)}".removesuffix(": ")
+
+
+def told(error: BaseException) -> str:
+    """The innermost places of an exception, file and line, and what it says on the last line or lines."""
+    lines = []
+    trace = error.__traceback__
+    frames = []
+    while trace is not None:
+        frames.append((trace.tb_frame.f_code, trace.tb_lineno))
+        trace = trace.tb_next
+    for code, line in frames[-FRAMES:]:
+        source = linecache.getline(code.co_filename, line).strip()
+        lines.append(f"  {plain(shown_path(os.path.abspath(code.co_filename)))}:{line} in {code.co_name}{f': {source}' if source else ''}")
+    return "\n".join((*(plain(line) for line in lines), said(error)))
+
+
+@contextmanager
+def foreign(what: str) -> Iterator[None]:
+    """Code of a plugin: whatever it raises, signals of the user aside, becomes a ``PluginError`` that says what broke.
+
+    A ``ValueError`` stays what it is: so a stage says that it cannot serve. So do errors raised on purpose.
+    """
+    try:
+        yield
+    except (EtendueError, ValueError):
+        raise
+    except BaseException as error:
+        if is_ours(error):
+            raise
+        raise PluginError(f"{what} broke off: {where(error)}{said(error)}") from error
+
+
+def where(error: BaseException) -> str:
+    """'file.py:12, ' where an exception was raised, in the innermost code that is neither ours nor a library's if there is one."""
+    trace, found = error.__traceback__, ""
+    while trace is not None:
+        file = trace.tb_frame.f_code.co_filename
+        if not file.startswith("<") and f"{os.sep}etendue{os.sep}" not in file:
+            found = f"{os.path.basename(file)}:{trace.tb_lineno}, "
+        trace = trace.tb_next
+    return found
