@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -25,6 +26,21 @@ def xyz(reflectance, edges):
     """XYZ under D65, Y of the perfect diffuser 1, from the public bin means alone."""
     weight = spectra.illuminant("D65", edges)[:, None] * spectra.colour_matching(edges) * widths(edges)[:, None]
     return reflectance.T @ weight / weight[:, 1].sum()
+
+
+def whole(step):
+    """Bins over all that an eye sees."""
+    return np.arange(360.0, 830.0 + step, step)
+
+
+def d65_weights(edges):
+    """(n, 3): XYZ of a reflectance under D65, which holds its end values beyond 780 nm, Y of the perfect diffuser 1."""
+    inside = np.clip(edges, 300.0, 780.0)
+    last = spectra.illuminant("D65", [780.0 - 1e-6, 780.0])[0]
+    power = np.array([spectra.illuminant("D65", [a, b])[0] * (b - a) if b > a else 0.0 for a, b in pairwise(inside)])
+    power += last * (widths(edges) - widths(inside))
+    weight = power[:, None] * spectra.colour_matching(edges)
+    return weight / weight[:, 1].sum()
 
 
 def tables(edges):
@@ -123,9 +139,14 @@ def test_sensitivities_are_zero_and_reflectances_held_outside_their_tables():
     assert_allclose(spectra.colorchecker(beyond)[1], spectra.colorchecker([729.999, 730.0])[1], rtol=1e-4)
 
 
-def test_a_bin_half_outside_a_table_counts_only_its_inner_half():
-    half = spectra.camera_sensitivity("Sigma SDMerill (NPL)", [395.0, 405.0])[1]
-    assert_allclose(half, 0.5 * spectra.camera_sensitivity("Sigma SDMerill (NPL)", [400.0, 405.0])[1], rtol=ROUNDING)
+def test_a_row_stands_for_half_a_step_beyond_its_table_and_no_farther():
+    def mean(low, high):
+        return spectra.camera_sensitivity("Sigma SDMerill (NPL)", [low, high])[1][0]
+
+    first = mean(400.0, 400.0 + 1e-9)  # rows every 10 nm from 400
+    assert_allclose(mean(395.0, 400.0), first, rtol=1e-6)
+    assert_allclose(mean(390.0, 400.0), 0.5 * first, rtol=1e-6)
+    assert not mean(390.0, 395.0).any()
 
 
 def test_no_table_is_negative():
@@ -173,35 +194,6 @@ def test_planck_tends_to_the_inverse_fourth_power_of_wavelength_when_hot():
     edges = np.array([559.999, 560.001, 1119.999, 1120.001])
     power = spectra.illuminant("1e9 K", edges)
     assert_allclose(power[2] / power[0], 2.0**-4, rtol=1e-4)  # first correction c2 / (2 lambda T) = 1.3e-5
-
-
-@pytest.mark.parametrize("name", ["D65", "A", "FL2", "E", "4000 K", "555 nm"])
-def test_absolute_scale_gives_the_luminance_asked_for(name):
-    spd = spectra.illuminant(name, VISIBLE_10)
-    factor = spectra.absolute_scale(spd, VISIBLE_10, 250.0)
-    luminance = 683.002 * np.sum(factor * spd * spectra.luminous_efficiency(VISIBLE_10) * widths(VISIBLE_10))
-    assert_allclose(luminance, 250.0, rtol=ROUNDING)
-
-
-def test_a_watt_at_the_peak_of_the_eye_is_worth_683_lumens():
-    edges = np.array([554.5, 555.5])
-    # V of the bin mean about 555 nm is below 1 by an eighth of its curvature
-    assert_allclose(1 / spectra.absolute_scale([1.0], edges, 683.002), 1.0, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("spd", "luminance", "message"),
-    [
-        ([1.0], 1.0, "one value for each of 2 bins"),
-        ([1.0, -1.0], 1.0, "nowhere negative"),
-        ([1.0, np.nan], 1.0, "finite"),
-        ([1.0, 1.0], 0.0, "above 0"),
-        ([0.0, 0.0], 1.0, "no visible power"),
-    ],
-)
-def test_absolute_scale_names_what_makes_no_sense(spd, luminance, message):
-    with pytest.raises(ValueError, match=message):
-        spectra.absolute_scale(spd, [500.0, 550.0, 600.0], luminance)
 
 
 # -------------------------------------------------------------------------------------- eyes and matrices
@@ -260,17 +252,23 @@ def test_adaptation_matrices_respond_to_equal_energy_with_about_one(name):
 
 @pytest.mark.parametrize("step", [1.0, 5.0, 10.0, 20.0])
 def test_reflectance_from_rgb_gives_back_its_tristimulus_values(step):
-    edges = np.arange(380.0, 780.0 + step, step)
+    edges = whole(step)
     basis = spectra.upsampling_basis(edges)
-    assert_allclose(xyz(basis, edges).T, spectra.srgb_to_xyz(edges), atol=1e-13)
+    assert_allclose(basis.T @ d65_weights(edges), spectra.srgb_to_xyz(edges).T, atol=1e-13)
 
 
 @given(rgb=st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))
 @settings(max_examples=30, deadline=None)
 def test_every_rgb_survives_the_way_through_its_spectrum(rgb):
-    spectrum = spectra.upsampling_basis(VISIBLE_10) @ np.array(rgb)
-    back = np.linalg.solve(spectra.srgb_to_xyz(VISIBLE_10), xyz(spectrum[:, None], VISIBLE_10)[0])
+    edges = whole(10.0)
+    spectrum = spectra.upsampling_basis(edges) @ np.array(rgb)
+    back = np.linalg.solve(spectra.srgb_to_xyz(edges), spectrum @ d65_weights(edges))
     assert_allclose(back, rgb, atol=1e-13)
+
+
+def test_a_window_has_the_reflectances_of_the_whole():
+    whole_axis, window = np.arange(400.0, 701.0, 10.0), np.arange(500.0, 561.0, 10.0)
+    assert_allclose(spectra.upsampling_basis(window), spectra.upsampling_basis(whole_axis)[10:16], rtol=ROUNDING)
 
 
 @given(rgb=st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))
@@ -286,19 +284,20 @@ def test_white_rgb_is_the_perfect_diffuser_also_in_the_infrared():
 
 
 def test_white_rgb_has_the_white_of_the_same_bins():
-    white = xyz(np.ones((len(VISIBLE_10) - 1, 1)), VISIBLE_10)[0]
-    assert_allclose(xyz((spectra.upsampling_basis(VISIBLE_10) @ np.ones(3))[:, None], VISIBLE_10)[0], white, rtol=1e-13)
-    assert_allclose(spectra.srgb_to_xyz(VISIBLE_10) @ np.ones(3), white, rtol=1e-13)
+    edges = whole(10.0)
+    white = d65_weights(edges).sum(axis=0)
+    assert_allclose(spectra.srgb_to_xyz(edges) @ np.ones(3), white, rtol=1e-13)
+    assert_array_equal(spectra.srgb_to_xyz(VISIBLE_10), spectra.srgb_to_xyz(edges))
 
 
 def test_binned_srgb_matrix_tends_to_the_standard_one():
     standard = spectra.rgb_space_matrix("sRGB")[0]
-    # 4.6e-4 and 1.03e-3 measured: white from 1 nm sums to 780 nm, and products of bin means
-    assert_allclose(spectra.srgb_to_xyz(np.arange(380.0, 781.0)), standard, atol=5e-4)
-    assert_allclose(spectra.srgb_to_xyz(VISIBLE_10), standard, atol=1.1e-3)
+    # 2.2e-4 and 7.9e-4 measured: the four digits of the standard, and products of bin means
+    assert_allclose(spectra.srgb_to_xyz(whole(1.0)), standard, atol=2.5e-4)
+    assert_allclose(spectra.srgb_to_xyz(VISIBLE_10), standard, atol=8e-4)
 
 
-@pytest.mark.parametrize("edges", [[380.0, 390.0, 400.0, 410.0], [400.0, 550.0, 700.0], [800.0, 900.0, 1000.0, 1100.0]])
+@pytest.mark.parametrize("edges", [[380.0, 580.0, 780.0], [400.0, 550.0, 700.0], [800.0, 1100.0]])
 def test_bins_that_cannot_tell_primaries_apart_are_refused(edges):
     with pytest.raises(ValueError, match="edges must"):
         spectra.upsampling_basis(edges)
@@ -355,8 +354,22 @@ def test_a_csv_table_with_uneven_rows_is_averaged_exactly(tmp_path):
     path = csv(tmp_path, "# a filter\nwavelength_nm, a, b\n\n400,0,1\n410,1,1 # foot\n440,0,1\n")
     names, means = spectra.table_from_csv(path, [390.0, 400.0, 410.0, 425.0, 445.0])
     assert names == ["a", "b"]
-    # triangles by hand; the last bin is 3/4 inside for b, and holds half of a 15 nm x 0.5 triangle for a
-    assert_allclose(means, [[0, 0], [0.5, 1], [0.75, 1], [0.25 * 15 / 20, 15 / 20]], rtol=ROUNDING)
+    # triangles by hand; 5 nm in front, half a step, the first row holds; steps of 30 nm are a drawn curve, which ends with
+    # its last row: the last bin is 3/4 inside for b, and holds half of a 15 nm x 0.5 triangle for a
+    assert_allclose(means, [[0, 0.5], [0.5, 1], [0.75, 1], [0.25 * 15 / 20, 15 / 20]], rtol=ROUNDING)
+
+
+def test_a_table_that_holds_has_its_end_values_everywhere(tmp_path):
+    path = csv(tmp_path, "wavelength_nm,a\n400,0.2\n500,0.6\n")
+    assert_allclose(spectra.table_from_csv(path, [300.0, 350.0, 600.0, 700.0], outside="hold")[1][[0, 2], 0], [0.2, 0.6], rtol=ROUNDING)
+    assert_allclose(spectra.table_from_csv(path, [300.0, 350.0, 600.0, 700.0])[1][[0, 2], 0], 0.0)
+
+
+def test_a_table_that_must_cover_the_light_is_refused_beyond_half_a_step(tmp_path):
+    path = csv(tmp_path, "wavelength_nm,a\n400,1\n410,1\n")
+    spectra.require_rows(path, [395.0, 415.0])
+    with pytest.raises(ValueError, match="rows from 400 to 410 nm, but the light reaches from 394 to 415 nm"):
+        spectra.require_rows(path, [394.0, 415.0])
 
 
 def test_csv_columns_come_in_the_order_asked_for(tmp_path):

@@ -47,10 +47,10 @@ def even(**more):
 
 
 def rate_of_white(quantum_efficiency=0.5, pitch=5.4, fraction=0.741, f_number=4.0):
-    """Photocurrent of a white diffuser of 100 cd/m2 at 550 nm, electron/s, and its illuminance at the sensor, by hand."""
-    irradiance = math.pi * 100 / (LUMINOUS_EFFICACY * spectra.luminous_efficiency((545.0, 555.0))[0]) / (4 * f_number**2)
+    """Photocurrent of a white diffuser of 100 cd/m2 at 550 nm, electron/s, and its illuminance at the sensor (as of a bin), by hand."""
+    irradiance = math.pi * 100 / spectra.luminance_of("550 nm") / (4 * f_number**2)
     photons = irradiance * (pitch * fraction * 1e-6) ** 2 * 550e-9 / (PLANCK * SPEED_OF_LIGHT)
-    return quantum_efficiency * photons, math.pi * 100 / (4 * f_number**2)
+    return quantum_efficiency * photons, irradiance * LUMINOUS_EFFICACY * spectra.luminous_efficiency((545.0, 555.0))[0]
 
 
 # -- temperature and gain
@@ -160,7 +160,8 @@ def test_a_grey_card_has_the_ratio_of_hand_arithmetic_and_ten_at_the_stated_illu
     np.testing.assert_allclose(numbers.snr_18, 20 * math.log10(signal / math.sqrt(signal + floor)), rtol=1e-12)
     np.testing.assert_allclose(numbers.exposure_value, math.log2(16 / 0.02), rtol=1e-13)
     # the same card under that light: 10
-    dimmed = 100 * float(numbers.snr10_illuminance) / (math.pi * 100)
+    in_the_bin = LUMINOUS_EFFICACY * spectra.luminous_efficiency((545.0, 555.0))[0] / spectra.luminance_of("550 nm")
+    dimmed = float(numbers.snr10_illuminance) / (math.pi * in_the_bin)
     there = etendue.simulate(pipeline("exposure_numbers", camera=camera, scene={"white_luminance": dimmed}))["exposure_numbers"]
     np.testing.assert_allclose(there.snr_18, 20.0, rtol=1e-12)
     np.testing.assert_allclose(there.snr10_illuminance, numbers.snr10_illuminance, rtol=1e-12)

@@ -1,9 +1,10 @@
 """Spectral tables as bin means: lights, eyes, cameras, displays, test charts. colour-science is imported late, here only."""
 
-from etendue.spectra.bins import Edges, FloatArray, table_from_csv
+from etendue.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv
+from etendue.spectra.ends import cut_off_note, held_in_the_infrared, held_note
 from etendue.spectra.library import (
-    absolute_scale,
     adaptation_matrix,
+    camera_rows,
     camera_sensitivity,
     colorchecker,
     colour_matching,
@@ -17,12 +18,22 @@ from etendue.spectra.library import (
     rgb_space_primaries,
     xyz_to_lms_matrix,
 )
-from etendue.spectra.names import check_camera, check_illuminant, check_rgb_space, rgb_space_names
+from etendue.spectra.luminance import (
+    check_luminance,
+    light_of_luminance,
+    light_of_radiance,
+    luminance_notes,
+    luminance_of,
+    rendered_share,
+    unmeasured_share,
+)
+from etendue.spectra.names import camera_range, check_camera, check_illuminant, check_rgb_space, rgb_space_names
 from etendue.spectra.upsampling import srgb_to_xyz, upsampling_basis
 
 __all__ = [
-    "Edges", "FloatArray", "absolute_scale", "adaptation_matrix", "camera_sensitivity", "check_camera", "check_illuminant",
-    "check_rgb_space", "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "display_primaries", "illuminant",
-    "load_library", "luminous_efficiency", "rgb_space_matrix", "rgb_space_names", "rgb_space_primaries", "srgb_to_xyz",
-    "table_from_csv", "upsampling_basis", "xyz_to_lms_matrix",
+    "Edges", "FloatArray", "adaptation_matrix", "camera_range", "camera_rows", "camera_sensitivity", "check_camera", "check_illuminant",
+    "check_luminance", "check_rgb_space", "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "csv_rows",
+    "cut_off_note", "display_primaries", "held_in_the_infrared", "held_note", "illuminant", "light_of_luminance", "light_of_radiance",
+    "load_library", "luminance_notes", "luminance_of", "luminous_efficiency", "rendered_share", "require_rows", "rgb_space_matrix",
+    "rgb_space_names", "rgb_space_primaries", "srgb_to_xyz", "table_from_csv", "unmeasured_share", "upsampling_basis", "xyz_to_lms_matrix",
 ]  # fmt: skip

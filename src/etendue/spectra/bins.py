@@ -4,7 +4,7 @@ In:  the rows of a table (nm, values) and bin edges (n + 1 ascending values, nm)
 Out: plain float64 arrays, one mean per bin.
 
 A bin mean is the exact integral of a piecewise-linear interpolant, divided by the width of the bin, so that
-means over the parts of a bin average back to the mean over the bin.
+means over the parts of a bin average back to the mean over the bin. What holds where a table ends: `ends`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from etendue.spectra.ends import beyond, reach_of
 from etendue.spectra.names import require_name
 
 FloatArray = npt.NDArray[np.float64]
@@ -58,10 +59,18 @@ def bin_means(nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], o
     return (sums / np.diff(bounds)[:, None]).reshape((len(edges) - 1, *values.shape[1:]))
 
 
+def with_reach(rows: FloatArray, nodes: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve continued with its end values as far as the rows of its table reach (`ends.reach_of`)."""
+    first, last = reach_of(rows)
+    return np.concatenate([[first], nodes, [last]]), np.concatenate([values[:1], values, values[-1:]])
+
+
 # -------------------------------------------------------------------------------------------------- CSV files
 
 
-def table_from_csv(path: str | Path, edges: Edges, columns: Iterable[str] | None = None) -> tuple[list[str], FloatArray]:
+def table_from_csv(
+    path: str | Path, edges: Edges, columns: Iterable[str] | None = None, outside: Outside = "zero"
+) -> tuple[list[str], FloatArray]:
     """Bin means of a table in a CSV file.
 
     Parameters
@@ -72,11 +81,13 @@ def table_from_csv(path: str | Path, edges: Edges, columns: Iterable[str] | None
     edges : (n + 1,) ascending, nm
     columns : names, optional
         Which columns, in which order. All of them by default.
+    outside : {"zero", "hold"}
+        What holds farther out than half a step from the end rows, which stand for that much: 0, or the end value.
 
     Returns
     -------
     names : list of k str
-    means : (n, k) array in the units of the file; 0 outside the table
+    means : (n, k) array in the units of the file
 
     Raises
     ------
@@ -88,7 +99,23 @@ def table_from_csv(path: str | Path, edges: Edges, columns: Iterable[str] | None
     wanted = names if columns is None else list(columns)
     for name in wanted:
         require_name(name, names, f"column of {path}:")
-    return wanted, bin_means(nodes, values[:, [names.index(name) for name in wanted]], checked, "zero")
+    chosen = values[:, [names.index(name) for name in wanted]]
+    return wanted, bin_means(*with_reach(nodes, nodes, chosen), checked, outside)
+
+
+def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
+    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them."""
+    return _read_csv(Path(path))
+
+
+def require_rows(path: str | Path, edges: Edges) -> None:
+    """Refuse a table whose rows do not stand for all of these wavelengths (`ends.beyond`), where neither 0 nor an end value would do."""
+    rows, bounds = csv_rows(path)[1], checked_edges(edges)
+    if max(beyond(rows, bounds[0], bounds[-1])) > 1e-9:
+        raise ValueError(
+            f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {bounds[0]:g} to {bounds[-1]:g} nm; "
+            "add rows, or narrow the scene's wavelengths"
+        )
 
 
 def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:

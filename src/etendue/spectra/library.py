@@ -23,10 +23,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from etendue.constants import BOLTZMANN, LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
-from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, frozen
+from etendue.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
+from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, frozen, with_reach
 from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, require_name
 
 SECOND_RADIATION_CONSTANT = PLANCK * SPEED_OF_LIGHT / BOLTZMANN * 1e9  # nm K
@@ -151,13 +150,17 @@ def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
     panels = int(np.ceil(np.max(widths / np.maximum(1.0, bounds[:-1] / 400.0))))
     points, weights = np.polynomial.legendre.leggauss(5)
     inside = ((np.arange(panels)[:, None] + 0.5 + 0.5 * points) / panels).ravel()
-    wavelength = bounds[:-1, None] + widths[:, None] * inside
+    power = planck_power(temperature, bounds[:-1, None] + widths[:, None] * inside)
+    return power @ np.tile(weights, panels) / (2.0 * panels)
+
+
+def planck_power(temperature: float, wavelength: FloatArray) -> FloatArray:
+    """Relative power of a Planck radiator at wavelengths (nm), 100 at 560 nm."""
     x = SECOND_RADIATION_CONSTANT / (wavelength * temperature)
     reference = SECOND_RADIATION_CONSTANT / (PLANCK_REFERENCE * temperature)
     # exp(-x) taken out of both exponentials, so that cold radiators neither overflow nor divide 0 by 0
     ratio = np.exp(reference - x) * np.expm1(-reference) / np.expm1(-x)
-    power = 100.0 * (PLANCK_REFERENCE / wavelength) ** 5 * ratio
-    return power @ np.tile(weights, panels) / (2.0 * panels)
+    return 100.0 * (PLANCK_REFERENCE / wavelength) ** 5 * ratio
 
 
 def _line(wavelength: float, edges: tuple[float, ...]) -> FloatArray:
@@ -168,39 +171,6 @@ def _line(wavelength: float, edges: tuple[float, ...]) -> FloatArray:
     power = np.zeros(len(bounds) - 1)
     power[held] = 1.0 / (bounds[held + 1] - bounds[held])
     return power
-
-
-def absolute_scale(spd: npt.ArrayLike, edges: Edges, luminance: float) -> float:
-    """Factor that gives a relative spectrum a luminance.
-
-    Parameters
-    ----------
-    spd : (n,) array, any unit per nm
-    edges : (n + 1,) ascending, nm
-    luminance : float, cd m-2, above 0
-
-    Returns
-    -------
-    float
-        k with 683.002 sum(k spd V width) = luminance, so k spd is a radiance [W m-2 sr-1 nm-1].
-
-    Raises
-    ------
-    ValueError
-        A shape that does not fit the edges, a negative or invisible spectrum, a luminance not above 0.
-    """
-    bounds = np.asarray(checked_edges(edges))
-    power = np.asarray(spd, dtype=np.float64)
-    if power.shape != (len(bounds) - 1,):
-        raise ValueError(f"spd must have one value for each of {len(bounds) - 1} bins, got shape {power.shape}")
-    if not (np.all(np.isfinite(power)) and np.all(power >= 0)):
-        raise ValueError("spd must be finite and nowhere negative")
-    if not 0 < luminance < np.inf:
-        raise ValueError(f"luminance must be finite and above 0 cd m-2, got {luminance}")
-    visible = LUMINOUS_EFFICACY * float(np.sum(power * luminous_efficiency(edges) * np.diff(bounds)))
-    if visible == 0:
-        raise ValueError("spd has no visible power in these bins, so no factor gives it a luminance")
-    return luminance / visible
 
 
 # ------------------------------------------------------------------------------------------------- observers
@@ -280,7 +250,7 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
     Returns
     -------
     channels : ("R", "G", "B")
-    sensitivity : (n, 3) array, relative to the peak of each channel; 0 outside the table
+    sensitivity : (n, 3) array, relative to the peak of each channel; 0 farther than half a step from the table
 
     Raises
     ------
@@ -293,7 +263,12 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
 @lru_cache(maxsize=128)
 def _camera_sensitivity(name: str, edges: tuple[float, ...]) -> FloatArray:
     table = lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera")
-    return frozen(bin_means(*smooth_rows(table), edges, "zero"))
+    return frozen(bin_means(*with_reach(rows_of(table)[0], *smooth_rows(table)), edges, "zero"))
+
+
+def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Channels, wavelengths (rows,) in nm and relative sensitivities (rows, 3) of a camera, as the library has them."""
+    return ("R", "G", "B"), *rows_of(lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera"))
 
 
 def display_primaries(name: str, edges: Edges) -> FloatArray:

@@ -16,6 +16,8 @@ from importlib.resources import files
 LOWEST_TEMPERATURE = 100.0  # K; colder spectra overflow float64 towards the infrared
 COMPUTED = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*(K|nm)\s*")
 COMPUTED_ILLUMINANTS = "'<T> K' for a Planck radiator, '<w> nm' for a line"
+EYE = (360.0, 830.0)  # nm; where the CIE tabulates what an eye sees
+MOST_OF_IT = (420.0, 680.0)  # nm; holds 99 % of the luminance of every table, and of Planck radiators from 2000 K on
 
 
 def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
@@ -57,6 +59,22 @@ def check_illuminant(name: str, lowest: float, highest: float) -> None:
             f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm, but the bins span "
             f"{lowest:g} to {highest:g} nm; narrow the wavelength axis, or use 'E' or '<T> K'"
         )
+
+
+def line_of(name: str) -> float | None:
+    """Wavelength (nm) of a spectral line; None for other lights."""
+    computed = COMPUTED.fullmatch(name)
+    return float(computed[1]) if computed and computed[2] == "nm" else None
+
+
+def range_of(name: str) -> tuple[float, float]:
+    """Lowest and highest wavelength (nm) of an illuminant's table; those of the eye where it is computed."""
+    return EYE if name == "E" or COMPUTED.fullmatch(name) else tables("illuminant")[name]
+
+
+def camera_range(name: str) -> tuple[float, float]:
+    """Lowest and highest wavelength (nm) of a camera's table."""
+    return tables("camera")[name]
 
 
 def check_camera(name: str) -> None:

@@ -44,7 +44,9 @@ class ColourFit(Collecting):
     libraries: ClassVar = ("colour-science",)
 
     reflectances: str = param(
-        "ColorChecker", table=True, doc="ColorChecker, or a CSV file: wavelength_nm, then a column for each patch; 0 where it has no rows"
+        "ColorChecker",
+        table=True,
+        doc="ColorChecker, or a CSV file: wavelength_nm, then columns of patches; its end values hold beyond",
     )
     white: str = param("kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or a patch like others")
     ridge: float = param(0.0, at_least=0, doc="weight of the matrix's own size beside the error: less noise for more colour error")
@@ -67,7 +69,7 @@ class ColourFit(Collecting):
         """Reflectance of each patch, (patch, wavelength)."""
         if self.reflectances == "ColorChecker":
             return spectra.colorchecker(edges)[1]
-        return spectra.table_from_csv(self.reflectances, edges)[1].T
+        return spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
 
     def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
         response, cmf, reflectance, edges = prepared
@@ -94,10 +96,15 @@ class ColourFit(Collecting):
 
     def warn(self, facts: Any, grids: Any) -> list[str]:
         few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
-        count = len(self.channels)
+        count, edges = len(self.channels), grids["white_radiance"].bands().edges
+        said: list[str] = []
+        if self.reflectances != "ColorChecker":
+            said += spectra.held_note(self.reflectances, spectra.csv_rows(self.reflectances)[1], edges[0], edges[-1])
         if count > 2:
-            return []
-        return [f"the pattern {self.pattern!r} has {count} channel{'s' * (count > 1)}, too few for colour: {few[count]}; see fit_residual"]
+            return said
+        channels = f"{count} channel{'s' * (count > 1)}"
+        said.append(f"the pattern {self.pattern!r} has {channels}, too few for colour: {few[count]}; see fit_residual")
+        return said
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 1e-12), "fitted"

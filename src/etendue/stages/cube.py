@@ -60,6 +60,9 @@ class RadianceCube(Stage):
         bands = Bands(_edges(group, array.shape[0], self.variable))
         lines = {dim: self._line(group, dim, size) for dim, size in zip(("y", "x"), array.shape[1:], strict=True)}
         grid = Grid.of({"wavelength": bands, **lines})
+        if self.white_luminance:
+            spectra.check_illuminant(self.illuminant, bands.edges[0], bands.edges[-1])
+            spectra.check_luminance(self.illuminant)
         if "white_radiance" not in group and not self.white_luminance:
             raise ValueError(
                 f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube is then "
@@ -68,6 +71,13 @@ class RadianceCube(Stage):
         low, high = (float(v) for v in array.attrs.get("actual_range", (0.0, 0.0)))
         known = Facts(contrast=high / low) if low > 0 else Facts()
         return known, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if not self.white_luminance:
+            return []
+        array, group = self._open()
+        edges = _edges(group, array.shape[0], self.variable)
+        return spectra.luminance_notes(self.illuminant, edges[0], edges[-1])
 
     def _line(self, group: Any, dim: str, size: int) -> Line:
         if self.spacing:
@@ -87,8 +97,7 @@ class RadianceCube(Stage):
         array, group = self._open()
         edges = tuple(coordinates["out_wavelength_edges"])
         if self.white_luminance:
-            relative = spectra.illuminant(self.illuminant, edges)
-            white = relative * spectra.absolute_scale(relative, edges, self.white_luminance)
+            white = spectra.light_of_luminance(self.illuminant, edges, self.white_luminance)
             return array.__getitem__, slice(0, white.size), white, white
         white = np.asarray(group["white_radiance"][...], dtype=float)
         return array.__getitem__, slice(0, white.size), white, np.ones_like(white)

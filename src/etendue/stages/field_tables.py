@@ -45,13 +45,18 @@ class FieldTable:
         found = np.array([table_at(places, self.nodes, column) for column in (self.values / self.centre()).T])
         return float(found.min()), float(found.max())
 
-    def remarks(self, reach: float, unit: str) -> list[str]:
-        """What a user should know: a table that is not 1 on the axis, a frame that it does not cover."""
+    def remarks(self, reach: float, unit: str, bands_nm: list[float]) -> list[str]:
+        """What a user should know: a table that is not 1 on the axis, a frame or light that it does not cover."""
         found, centre = [], self.centre()
         if np.any(np.abs(centre - 1) > 1e-9):
             found.append(f"{self.path} is {', '.join(f'{value:.6g}' for value in centre)} on the axis, not 1: it is divided by that")
         if reach > self.nodes[-1] * (1 + 1e-9):
             found.append(f"{self.path} ends at {self.nodes[-1]:g}, the frame's corner is at {reach:.4g} {unit}: its last value holds")
+        if len(self.wavelengths) > 1:
+            first, last = self.wavelengths[0], self.wavelengths[-1]
+            before, behind = (0.5 * (self.wavelengths[i + 1] - self.wavelengths[i]) for i in (0, -2))
+            if bands_nm[0] < first - before or bands_nm[-1] > last + behind:
+                found.append(f"{self.path} has {first:g} to {last:g} nm; beyond them the nearest column holds")
         return found
 
 

@@ -42,6 +42,7 @@ class Birefringent(Stage):
         if not self.dispersion:
             return np.ones(1), np.ones(1)
         edges = tuple(coordinates["wavelength_edges"])
+        spectra.require_rows(self.dispersion, edges)
         scale = spectra.table_from_csv(self.dispersion, edges)[1][:, 0]
         if not np.all(scale > 0):
             raise ValueError(f"{self.dispersion} must give a scale above 0 from {edges[0]:g} to {edges[-1]:g} nm")

@@ -186,7 +186,8 @@ class AngularResponse(Conjugates):
         if not self.table:
             return []
         radii = np.linspace(0.0, farthest(grids["irradiance"]), 257)
-        return self.rows().remarks(float(np.max(self.folded(self.angle(radii)))), "degrees")
+        bands = grids["irradiance"].bands().values()
+        return self.rows().remarks(float(np.max(self.folded(self.angle(radii)))), "degrees", bands)
 
 
 @hookimpl

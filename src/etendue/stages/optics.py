@@ -158,8 +158,8 @@ class Falloff(Conjugates):
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if self.model != "table":
             return []
-        corner = farthest(grids["irradiance"])
-        return self.rows().remarks(float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees")
+        corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()
+        return self.rows().remarks(float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +173,9 @@ class OpticalFilter(Stage):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
 
-    table: str = param("", table=True, doc="CSV with columns wavelength_nm, transmission; '' for the smooth cut below")
+    table: str = param(
+        "", table=True, doc="CSV with columns wavelength_nm, transmission, 0 half a step beyond its rows; '' for the smooth cut below"
+    )
     cut_off: float = param(650.0, units="nm", above=0, infinite=True, doc="half transmission of the smooth short-pass; inf for none")
     edge: float = param(15.0, units="nm", above=0, doc="width of the cut from 73 to 27 per cent")
 
@@ -198,6 +200,13 @@ class OpticalFilter(Stage):
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "it lets everything through") if not self.table and math.isinf(self.cut_off) else None
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if not self.table:
+            return []
+        names, rows, values = spectra.csv_rows(self.table)
+        edges = grids["irradiance"].bands().edges
+        return spectra.cut_off_note(self.table, names[:1], rows, values[:, :1], edges[0], edges[-1])
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return replace(facts["irradiance"], low=None, high=None)

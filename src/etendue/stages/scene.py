@@ -30,7 +30,14 @@ class Scene(Stage):
     libraries: ClassVar[tuple[str, ...]] = ("colour-science",)
     nanoseconds: ClassVar = 12.0
 
-    white_luminance: float = param(units="cd m-2", above=0, doc="luminance of a perfect white diffuser in the scene")
+    white_luminance: float = param(
+        units="cd m-2", at_least=0,
+        doc="luminance of a perfect white diffuser in the scene, of all its light, rendered or not; 0: give radiance",
+    )  # fmt: skip
+    radiance: float = param(
+        0.0, units="W m-2 sr-1", at_least=0,
+        doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light that no eye sees",
+    )  # fmt: skip
     illuminant: str = quantity("illuminant")
     width: float = param(1000.0, units="um", above=0, doc="width of the light on the image plane")
     height: float = param(1000.0, units="um", above=0, doc="height of the light on the image plane")
@@ -50,6 +57,13 @@ class Scene(Stage):
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
+        if (self.white_luminance > 0) == (self.radiance > 0):
+            raise ValueError(
+                f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of them gives the "
+                "level of the light, and the other is 0"
+            )
+        if self.white_luminance > 0:
+            spectra.check_luminance(self.illuminant)
 
     def edges(self) -> tuple[float, ...]:
         quotient = (self.wavelength_to - self.wavelength_from) / self.bin_width
@@ -93,9 +107,12 @@ class Scene(Stage):
         return self.softness_um(getattr(self, "softness", 0.0)), self.cell
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        if self.light == "cells" or facts.uniform or getattr(self, "softness", 1.0) > 0:
-            return []
-        return ["without softness nothing limits the band of its edges; give it some, or light = 'cells'"]
+        said = []
+        if self.white_luminance > 0:
+            said += spectra.luminance_notes(self.illuminant, self.wavelength_from, self.wavelength_to)
+        if not (self.light == "cells" or facts.uniform or getattr(self, "softness", 1.0) > 0):
+            said.append("without softness nothing limits the band of its edges; give it some, or light = 'cells'")
+        return said
 
     def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
         """Tables are interpolated to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
@@ -103,8 +120,9 @@ class Scene(Stage):
 
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])
-        relative = spectra.illuminant(self.illuminant, edges)
-        return relative * spectra.absolute_scale(relative, edges, self.white_luminance)
+        if self.radiance > 0:
+            return spectra.light_of_radiance(self.illuminant, edges, self.radiance)
+        return spectra.light_of_luminance(self.illuminant, edges, self.white_luminance)
 
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
@@ -264,6 +282,9 @@ class _Coloured(Scene):
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[0][bands], prepared[1][:, bands]
 
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        return [*super().warn(facts, grids), *spectra.held_in_the_infrared("ColorChecker", self.wavelength_from, self.wavelength_to)]
+
     def known(self) -> Facts:
         # The darkest patch of the chart reflects 0.029 at least and the lightest 0.93 at most, at every wavelength.
         return Facts(uniform=False, contrast=40.0)
@@ -352,7 +373,7 @@ class Photograph(Scene):
     """A picture (PNG, JPEG, TIFF; sRGB) as a reflecting surface under the illuminant.
 
     Decoded to linear light, area-averaged onto the grid, and given spectra by a basis whose colours under D65 are
-    those of the picture (round trip 6e-16). The picture's own band limit is that of its samples.
+    those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
     """
 
     file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
@@ -363,6 +384,9 @@ class Photograph(Scene):
 
     def rendered(self) -> None:
         """What a camera and a file format have done to it nobody knows."""
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        return [*super().warn(facts, grids), *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to)]
 
     def size(self) -> tuple[int, int]:
         grid = self.plane()

@@ -144,6 +144,27 @@ def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[fl
     return found
 
 
+def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
+    """What is said of a table that ends where a channel still sees: beyond, the channel sees nothing.
+
+    Filters in front of silicon are looked at for themselves: how much charge hangs on their ends depends on the silicon too.
+    """
+    if stage.sensitivity == FLAT:
+        return []
+    if stage.sensitivity.endswith(".csv"):
+        found, rows, values = spectra.csv_rows(stage.sensitivity)
+        names, what = tuple(found), stage.sensitivity
+    else:
+        lowest, highest = spectra.camera_range(stage.sensitivity)
+        if lowest <= edges[0] and edges[-1] <= highest:
+            return []  # without colour-science
+        names, rows, values = spectra.camera_rows(stage.sensitivity)
+        what = f"the sensitivity {stage.sensitivity!r}"
+    chosen = [column for column in _columns_of(stage, names) if column is not None]
+    curves = values[:, chosen] / (rows[:, None] if stage.sensitivity_per == "energy" else 1.0)
+    return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])
+
+
 def collection_at_zero(stage: Any, wavelength_nm: Any) -> Any:
     """D(0) by wavelength."""
     alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)

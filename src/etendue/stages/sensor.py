@@ -16,7 +16,7 @@ from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quant
 from etendue.physics import expansion, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
 from etendue.spec.stage import has_method
-from etendue.stages.sensitivity import FLAT, Collecting, collection_at_zero, electrons_per_irradiance, quantum_efficiency
+from etendue.stages.sensitivity import Collecting, FLAT, collection_at_zero, cut_off_notes, electrons_per_irradiance, quantum_efficiency
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +175,8 @@ class Pixel(Collecting):
         return Facts(uniform=facts["irradiance"].uniform, contrast=None)
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return [*self._beyond_the_light(grids["irradiance"].bands().edges), *self._charge_under_other_filters(facts, grids)]
+        edges = grids["irradiance"].bands().edges
+        return [*self._beyond_the_light(edges), *cut_off_notes(self, edges), *self._charge_under_other_filters(facts, grids)]
 
     def warn_among(self, uses: frozenset[str]) -> list[str]:
         if self.crosstalk != "through_filter" or "crosstalk" in uses:

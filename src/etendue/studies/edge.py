@@ -144,7 +144,8 @@ def _edge_pipeline(branched: Branched, plan: Plan, white: float) -> tuple[Pipeli
     own = source.alternatives[0].values
     bright = min(BRIGHT, SATURATED / white) if white > 0 else BRIGHT
     common = {
-        "white_luminance": own.get("white_luminance") or 1000.0,
+        "white_luminance": 0.0 if own.get("radiance") else own.get("white_luminance") or 1000.0,
+        "radiance": own.get("radiance") or 0.0,
         "height": spacing * round((ROWS + 2 * MARGIN) * max(pitches) / spacing),
         "width": spacing * round((COLUMNS + 2 * MARGIN) * max(pitches) / spacing),
         "spacing": spacing,
