@@ -34,6 +34,11 @@ def escaped(text: str) -> str:
     return "".join(c.encode("unicode_escape").decode() if unprintable(c) else c for c in text)
 
 
+def shortened(text: str, most: int) -> str:
+    """A text for a message, cut where it is longer than a person reads."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
 class EtendueError(Exception):
     """Root of everything raised on purpose."""
 
@@ -49,7 +54,7 @@ class Fault:
     line: int | None = None  # of the pipeline file, where it is known
 
     def __str__(self) -> str:
-        place, message = (text if len(text) <= most else f"{text[: most - 3]}..." for text, most in ((self.place, 120), (self.message, 700)))
+        place, message = shortened(self.place, 120), shortened(self.message, 700)
         return escaped(f"{place}: {message}" if place else message)
 
 

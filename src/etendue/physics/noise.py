@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy import special
 
-LARGEST_MEAN = 9.2e18  # numpy's exact sampler counts in int64
+LARGEST_EXACT = 9.2e18  # numpy's exact sampler counts in int64
+LARGEST_MEAN = 1e36  # a normal about it is a number of 32 bits
 LARGEST_INVERTED = 200.0  # electrons, up to which `poisson_by_inversion` searches
 SMALLEST_NORMAL_MEAN = 10.0  # below, the cubic of `cornish_fisher` folds inside the range of normals
 TILE = 64  # pixels
@@ -26,7 +27,7 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     Parameters
     ----------
     mean : (...) array, electrons
-        0 to 9.2e18.
+        0 to 1e36; to 9.2e18 where exact_below is larger than that.
     rng : numpy Generator
         Advances by what the frame needs: one normal per pixel, then the exact draws; where most pixels are exact,
         the exact draws, then one normal for each of the others.
@@ -49,8 +50,8 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     exact_below; 5.6e-4 at a mean of 10, 1.0e-4 at 30, 5.1e-7 at 1000
     (`distributions.poisson_total_variation`).
     """
-    mean = _means(mean)
     exact_below = float(exact_below)
+    mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
     if not exact_below >= SMALLEST_NORMAL_MEAN:
         raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
     few = mean < exact_below
@@ -78,7 +79,7 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
     Parameters
     ----------
     mean : (...) array, electrons
-        0 to 9.2e18.
+        0 to 1e36.
     uniform : (...) array, dimensionless
         0 <= u < 1; the shapes broadcast. float32 uniforms have no tail beyond 6e-8.
     exact_below : float, electrons
@@ -283,13 +284,13 @@ def _normals(rng: np.random.Generator, shape: tuple[int, ...], dtype: np.dtype) 
     return rng.standard_normal(shape).astype(dtype, copy=False)
 
 
-def _means(mean: ArrayLike) -> NDArray:
+def _means(mean: ArrayLike, largest: float = LARGEST_MEAN) -> NDArray:
     mean = np.asarray(mean)
     if not np.issubdtype(mean.dtype, np.floating):
         mean = mean.astype(np.float64)
-    if mean.size and not (mean.min() >= 0 and mean.max() <= LARGEST_MEAN):
+    if mean.size and not (mean.min() >= 0 and mean.max() <= largest):
         raise ValueError(
-            f"mean goes from {mean.min()} to {mean.max()} electrons; allowed are 0 to {LARGEST_MEAN} and "
+            f"mean goes from {mean.min()} to {mean.max()} electrons; allowed are 0 to {largest:g} and "
             "no NaN (negative means come from an undershooting blur: clip them, and count what was clipped)"
         )
     return mean

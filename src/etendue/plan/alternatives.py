@@ -84,6 +84,8 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
         else:
             try:
                 values[name] = resolve(value, declared[name][0], declared[name][1], request.pipeline.folder)
+                if declared[name][0].file and values[name] == "" and declared[name][2] is MISSING:
+                    raise Unfit("expected the path of a file, got ''")
             except Unfit as error:
                 request.fault(f"{place}.{name}", str(error))
                 values[name] = None

@@ -17,6 +17,7 @@ from etendue.errors import nearest, unprintable
 from etendue.spec.stage import Parameter
 from etendue.spec.units import UnitError, as_written, to_unit
 
+SMALLEST, LARGEST = 1e-30, 1e30  # sizes of numbers: their products fit 64 bits
 MOST_STEPS = 100_000
 
 
@@ -72,6 +73,8 @@ def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
         raise Unfit(f"expected {wanted}; {error}{hint}") from None
     if not math.isfinite(number) and not (parameter.infinite and number == math.inf):
         raise Unfit(f"expected {wanted}, got {value}")
+    if number and math.isfinite(number) and not SMALLEST <= abs(number) <= LARGEST:
+        raise Unfit(f"{as_written(value)} is out of range: numbers are 0, or from {SMALLEST:g} to {LARGEST:g} in size; expected {wanted}")
     if not parameter.allows(number):
         raise Unfit(f"{value} is out of range: expected {wanted}")
     if whole:

@@ -134,7 +134,8 @@ def smallest(array: Any) -> float:
 def finite(array: Any) -> bool:
     """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that overflows."""
     flat = array.reshape(-1)
-    return bool(np.isfinite(np.dot(flat, flat)) or np.isfinite(flat).all())
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(np.dot(flat, flat)) or np.isfinite(flat).all())
 
 
 def _undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
@@ -189,8 +190,18 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     except BaseException as error:  # also SystemExit and the like: a stage ends nothing but its own cell
         if is_ours(error):
             raise
-        text = plain(str(error)) if isinstance(error, EtendueError) else told(error)
+        text = plain(str(error)) if in_words(error) else told(error)
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", time.thread_time() - began, message=text)
+
+
+def in_words(error: BaseException) -> bool:
+    """Whether an exception's text says what to do: one of ours, or a ValueError that our own code raised about a value."""
+    if isinstance(error, EtendueError):
+        return True
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    return isinstance(error, ValueError) and place is not None and place.tb_frame.f_globals.get("__name__", "").startswith("etendue.")
 
 
 def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> tuple[Result, dict[str, Any]]:

@@ -1,7 +1,8 @@
 """The camera: quantities that several stages share, declared once.
 
 ``quantity("f_number")`` is the field of a stage that uses it. In a pipeline file they stand under ``[camera]``:
-one value, however many stages use it.
+one value, however many stages use it. Ranges reach beyond every camera by orders of magnitude, and end before a number of
+32 bits does: what is within them plans and runs.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from etendue.spec.stage import MISSING, Parameter, param
 
 _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "f_number": (2.8, dict(at_least=0.5, at_most=1e6, doc="geometric f-number, focal length over entrance pupil")),
-    "focal_length": (6.93, dict(units="mm", above=0, doc="effective focal length")),
-    "magnification": (0.0, dict(at_most=0, doc="image over object size, signed: 0 at infinity, negative for a real image")),
-    "pupil_magnification": (1.0, dict(above=0, doc="diameter of the exit pupil over that of the entrance pupil")),
+    "focal_length": (6.93, dict(units="mm", at_least=1e-3, at_most=1e6, doc="effective focal length")),
+    "magnification": (0.0, dict(at_least=-1e4, at_most=0, doc="image over object size, signed: 0 at infinity, negative for a real image")),
+    "pupil_magnification": (1.0, dict(at_least=1e-3, at_most=1e3, doc="diameter of the exit pupil over that of the entrance pupil")),
     "focus_distance": (
         math.inf,
         dict(units="mm", above=0, infinite=True, doc="object-side distance from the front principal plane at which the lens is in focus"),
@@ -24,18 +25,18 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
         math.inf,
         dict(units="mm", above=0, infinite=True, doc="distance of the object from the front principal plane; inf: that of the focus"),
     ),
-    "t_number": (0.0, dict(at_least=0, doc="photometric f-number; 0: f-number and transmittance hold")),
-    "transmittance": (1.0, dict(above=0, at_most=1, doc="transmittance of the lens")),
+    "t_number": (0.0, dict(at_least=0, at_most=1e6, doc="photometric f-number; 0: f-number and transmittance hold")),
+    "transmittance": (1.0, dict(at_least=1e-12, at_most=1, doc="transmittance of the lens")),
     "aperture_model": ("aplanatic", dict(choices=("aplanatic", "flat_disc"), doc="E = pi L T/4N^2, or eq. 5")),
-    "pixel_pitch": (5.4, dict(units="um", above=0, doc="distance between pixel centres")),
-    "aperture_fraction": (0.741, dict(above=0, at_most=1, doc="side of the light-sensitive square over the pitch")),
+    "pixel_pitch": (5.4, dict(units="um", at_least=1e-2, at_most=1e4, doc="distance between pixel centres")),
+    "aperture_fraction": (0.741, dict(at_least=1e-3, at_most=1, doc="side of the light-sensitive square over the pitch")),
     "aperture_offset_y": (
         0.0,
         dict(at_least=-0.5, at_most=0.5, doc="centre of the light-sensitive square from that of the pixel, in pitches"),
     ),
     "aperture_offset_x": (0.0, dict(at_least=-0.5, at_most=0.5, doc="the same along x")),
     "microlens_gain": (1.0, dict(at_least=1, doc="light that a microlens collects over that which falls on the light-sensitive square")),
-    "integration_time": (0.01, dict(units="s", above=0, doc="exposure time")),
+    "integration_time": (0.01, dict(units="s", at_least=1e-12, at_most=1e9, doc="exposure time")),
     "illuminant": ("D65", dict(doc="light on the scene: a CIE name, '<T> K', 'E' or '<w> nm'")),
     "sensitivity": ("Nikon 5100 (NPL)", dict(table=True, doc="a camera of colour-science, the path of a CSV table, or flat")),
     "sensitivity_kind": ("system_qe", dict(choices=("system_qe", "filter_transmittance"), doc="what the table holds")),
@@ -52,7 +53,7 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "diffusion_depth": (10.0, dict(units="um", above=0, infinite=True, doc="depth L of the quasi-neutral region")),
     "diffusion_length": (50.0, dict(units="um", above=0, infinite=True, doc="electron diffusion length L_n")),
     "back": ("absorbing", dict(choices=("absorbing", "reflecting"), doc="what happens to electrons at the back of the diffusion depth")),
-    "surface_transmission": (1.0, dict(above=0, at_most=1, doc="light that enters the silicon")),
+    "surface_transmission": (1.0, dict(at_least=1e-12, at_most=1, doc="light that enters the silicon")),
     "pattern": (
         "RGGB",
         dict(
@@ -68,26 +69,26 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
             doc="charge diffuses in front of the colour filters (stage diffusion), or behind them (stage crosstalk, after the mosaic)",
         ),
     ),
-    "full_well_density": (1000.0, dict(units="electron um-2", above=0, doc="charge capacity by light-sensitive area")),
-    "dark_current_density": (1e-10, dict(units="A cm-2", at_least=0, doc="dark current by pixel area")),
+    "full_well_density": (1000.0, dict(units="electron um-2", at_least=1e-3, at_most=1e9, doc="charge capacity by light-sensitive area")),
+    "dark_current_density": (1e-10, dict(units="A cm-2", at_least=0, at_most=1, doc="dark current by pixel area")),
     "temperature": (298.15, dict(units="K", at_least=150, at_most=450, doc="of the silicon, for its dark current")),
     "dark_reference_temperature": (298.15, dict(units="K", at_least=150, at_most=450, doc="at which dark_current_density holds")),
     "dark_doubling": (
         0.0,
         dict(units="K", at_least=0, doc="warming by which dark current doubles; 0: generation in the depletion region, 8.5 K at 298 K"),
     ),
-    "analogue_gain": (1.0, dict(above=0, at_most=1e4, doc="of the amplifier in front of the converter; 1: base")),
+    "analogue_gain": (1.0, dict(at_least=1e-4, at_most=1e4, doc="of the amplifier in front of the converter; 1: base")),
     "iso": (0.0, dict(at_least=0, doc="speed that sets the analogue gain, iso / base_iso; 0: analogue_gain holds")),
     "base_iso": (0.0, dict(at_least=0, doc="speed at analogue gain 1: saturation_iso of exposure_numbers there, or of a data sheet")),
     "read_noise_after": (
         0.0,
-        dict(units="electron", at_least=0, doc="rms noise behind the amplifier, as electrons at gain 1: it shrinks with the gain"),
+        dict(units="electron", at_least=0, at_most=1e6, doc="rms noise behind the amplifier, in electrons at gain 1; the gain divides it"),
     ),
-    "read_noise": (10.0, dict(units="electron", at_least=0, doc="rms read noise of a pixel")),
-    "dsnu": (2.0, dict(units="electron", at_least=0, doc="rms offset from pixel to pixel, fixed per sensor")),
+    "read_noise": (10.0, dict(units="electron", at_least=0, at_most=1e6, doc="rms read noise of a pixel")),
+    "dsnu": (2.0, dict(units="electron", at_least=0, at_most=1e6, doc="rms offset from pixel to pixel, fixed per sensor")),
     "bits": (12, dict(at_least=1, at_most=16, doc="bits of the converter")),
     "black_level": (64, dict(units="DN", at_least=0, doc="pedestal of the converter")),
-    "conversion_gain": (0.0, dict(units="DN/electron", at_least=0, doc="of the converter; 0: full well at the top code")),
+    "conversion_gain": (0.0, dict(units="DN/electron", at_least=0, at_most=1e6, doc="of the converter; 0: full well at the top code")),
     "sensor_serial": ("1", dict(doc="which sensor: fixed patterns are its own")),
     "noise": ("independent", dict(choices=("independent", "common"), doc="draws between cells of a sweep")),
     "render_exposure": (1.0, dict(above=0, doc="linear display value of a diffuse white, as long as it does not saturate")),

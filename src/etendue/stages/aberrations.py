@@ -15,7 +15,7 @@ import numpy as np
 from etendue.api import Facts, Grid, hookimpl, param
 from etendue.physics import field_blur, imaging, pupil
 from etendue.physics.psf_bank import PsfBank
-from etendue.stages.illumination import farthest
+from etendue.stages.illumination import farthest, nearest
 from etendue.stages.lens import Blur, too_coarse
 from etendue.stages.wavefront import Aberrated
 
@@ -68,16 +68,21 @@ class Aberrations(Blur, Aberrated):
         steep = max(imaging.steepest_slope(self.path(centres[:, None], centres, h), cells) for h in (heights[0], heights[-1]))
         return math.ceil((tail + 2.0 * steep / wavelength) / PER_SPOT)
 
-    def bank(self, heights: Any, wavelengths: Any) -> PsfBank:
-        """Spread functions at image heights (um) and wavelengths (um), every wavelength on samples of its own."""
-        number, half = self.cone_f_number(), self.half(float(wavelengths[0]), heights)
-        samples = max(self.pupil_samples, math.ceil(2.0 * PER_SPOT * (half + 1)))  # beyond that the sampled pupil repeats itself
+    def samples(self, half: int) -> int:
+        """Cells across the pupil, beyond whose number the sampled pupil repeats itself; refused where they are too many."""
+        samples = max(self.pupil_samples, math.ceil(2.0 * PER_SPOT * (half + 1)))
         samples += samples % 2
         if samples > MOST_SAMPLES:
             raise ValueError(
-                f"accuracy {self.accuracy:g} and these aberrations ask for {samples} pupil samples, {MOST_SAMPLES} are the most; "
-                "allow a larger error, or smaller aberrations"
+                f"accuracy {self.accuracy:g} and these aberrations ask for {float(samples):.4g} pupil samples, {MOST_SAMPLES} are the "
+                "most; allow a larger error, or smaller aberrations"
             )
+        return samples
+
+    def bank(self, heights: Any, wavelengths: Any) -> PsfBank:
+        """Spread functions at image heights (um) and wavelengths (um), every wavelength on samples of its own."""
+        number, half = self.cone_f_number(), self.half(float(wavelengths[0]), heights)
+        samples = self.samples(half)
         clear = pupil.amplitude(self.aperture(), samples)
         centres = pupil.cell_centres(samples)
         spacing = PER_SPOT * wavelengths * number
@@ -114,6 +119,10 @@ class Aberrations(Blur, Aberrated):
         found = "cells" if inputs["irradiance"].line("x").cells else "bandlimited"
         if found != self.light:
             raise ValueError(f"light is {self.light!r}, but the scene's light is {found!r}; set light = {found!r} here too")
+        light = inputs["irradiance"]
+        bands = light.bands().values()
+        shortest = float(bands[0] if min(self.bands, len(bands)) > 1 else sum(bands) / len(bands)) * 1e-3
+        self.samples(self.half(shortest, (nearest(light), farthest(light))))
         return {}
 
     def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:

@@ -7,6 +7,7 @@ Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_of
 from etendue.stages.sensitivity import Collecting, quantum_efficiency
 
 SPACES = {"Von Kries": "von_kries_hpe_d65", "Bradford": "bradford", "CAT02": "cat02", "CAT16": "cat16"}
+VISIBLE = (380.0, 780.0)  # nm
 PRINTED_GAINS = (0.5844, 0.5753, 0.514)
 
 
@@ -55,8 +57,20 @@ class ColourFit(Collecting):
         super().__post_init__()
         if self.reflectances != "ColorChecker" and not self.reflectances.endswith(".csv"):
             raise ValueError(f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv table")
+        if not min(self.peak_qe) > 0:
+            raise ValueError(
+                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give every channel a peak "
+                "above 0, or leave colour_fit and what follows it out"
+            )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
+        edges, channels = inputs["white_radiance"].bands().edges, len(self.channels)
+        seen = sum(below < VISIBLE[1] and above > VISIBLE[0] for below, above in pairwise(edges))
+        if seen < channels and self.ridge == 0:
+            raise ValueError(
+                f"{seen} of {len(edges) - 1} bands from {edges[0]:g} to {edges[-1]:g} nm are seen by the eye, and {seen} tell no "
+                f"{channels} channels apart: take a narrower bin_width, or wavelengths from {VISIBLE[0]:g} to {VISIBLE[1]:g} nm"
+            )
         return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
 
     def prepare(self, coordinates: Any) -> Any:

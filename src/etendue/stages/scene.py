@@ -19,6 +19,9 @@ from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quanti
 from etendue.physics import charts, charts_composite, resampling
 from etendue.physics.transfer import srgb_decode
 from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
+from etendue.stages.picture import read_picture
+
+DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +52,8 @@ class Scene(Stage):
         "bandlimited", choices=("bandlimited", "cells"),
         doc="a value is a sample of band-limited light, or the mean over a grid cell: points, hard edges, coarse grids",
     )  # fmt: skip
-    centre_y: float = param(0.0, units="mm", doc="position of the window's centre from the axis")
-    centre_x: float = param(0.0, units="mm", doc="position of the window's centre from the axis")
+    centre_y: float = param(0.0, units="mm", at_least=-1e3, at_most=1e3, doc="position of the window's centre from the axis")
+    centre_x: float = param(0.0, units="mm", at_least=-1e3, at_most=1e3, doc="position of the window's centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", doc="width of a wavelength bin")
@@ -98,6 +101,8 @@ class Scene(Stage):
 
     def describe(self) -> tuple[Facts, dict[str, Grid]]:
         grid = self.plane()
+        if self.white_luminance and not DIMMEST <= self.white_luminance <= BRIGHTEST:
+            raise ValueError(f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}")
         limit = self.band_limit() if self.light == "bandlimited" else None
         facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
         return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
@@ -195,7 +200,7 @@ class SlantedEdge(Scene):
 class SiemensStar(Scene):
     """A star whose reflectance is sinusoidal in the angle (ISO 12233)."""
 
-    cycles: int = param(36, at_least=1)
+    cycles: int = param(36, at_least=1, at_most=100_000)
     radius: float = param(400.0, units="um", above=0)
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
@@ -235,7 +240,7 @@ class ZonePlate(Scene):
 class StepWedge(Scene):
     """Equal bars from dark to light, in equal steps of density."""
 
-    steps: int = param(12, at_least=2)
+    steps: int = param(12, at_least=2, at_most=1000)
     low: float = param(0.01, above=0, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
     softness: float = _softness()
@@ -315,8 +320,8 @@ class CompositeChart(_Coloured):
     """ColorChecker, slanted edges, Siemens star, zone plate and step wedge in one frame."""
 
     highest_frequency: float = param(0.1, units="um-1", above=0, doc="frequency at the rim of the zone plate")
-    angle: float = param(5.0, units="deg", above=-45, below=45)
-    cycles: int = param(36, at_least=1)
+    angle: float = param(5.0, units="deg", at_least=-10, at_most=10)
+    cycles: int = param(36, at_least=1, at_most=100_000)
     low: float = param(0.05, above=0.025, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
     margin: float = param(0.0, units="um", at_least=0, doc="mid-grey around the chart, inside width and height")
@@ -348,36 +353,28 @@ def _linear_photograph(path: str, rows: int, columns: int) -> Any:
 
 @lru_cache(maxsize=4)
 def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
-    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light."""
-    from PIL import Image
-
-    with Image.open(path) as picture:
-        if picture.mode in ("I;16", "I;16B", "I"):
-            values = np.asarray(picture, dtype=float) / 65535.0
-            values = np.stack([values] * 3, axis=-1)
-        elif picture.mode == "F":
-            values = np.stack([np.asarray(picture, dtype=float)] * 3, axis=-1)
-        else:
-            values = np.asarray(picture.convert("RGB"), dtype=float) / 255.0
-    height, width = values.shape[:2]
+    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light; what to note."""
+    picture = read_picture(path)
+    height, width = picture.values.shape[:2]
     scale = min(height / rows, width / columns)
     crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
     top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
-    linear = srgb_decode(values[top : top + crop_rows, left : left + crop_columns]).transpose(2, 0, 1)
-    down, across = resampling.area_weights(crop_rows, rows), resampling.area_weights(crop_columns, columns)
-    return down @ linear @ across.T
+    crop = picture.values[top : top + crop_rows, left : left + crop_columns]
+    linear = resampling.area_average(crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full))
+    linear.flags.writeable = False
+    return np.broadcast_to(linear, (3, rows, columns)), picture.note
 
 
 @dataclass(frozen=True, kw_only=True)
 class Photograph(Scene):
-    """A picture (PNG, JPEG, TIFF; sRGB) as a reflecting surface under the illuminant.
+    """A picture (PNG, JPEG, TIFF; sRGB-encoded, at its full depth) as a reflecting surface under the illuminant.
 
     Decoded to linear light, area-averaged onto the grid, and given spectra by a basis whose colours under D65 are
     those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
     """
 
     file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
-    libraries: ClassVar = ("colour-science", "pillow")
+    libraries: ClassVar = ("colour-science", "pillow", "tifffile")
 
     def band_limit(self) -> float:
         return 0.5 / self.spacing
@@ -386,14 +383,17 @@ class Photograph(Scene):
         """What a camera and a file format have done to it nobody knows."""
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return [*super().warn(facts, grids), *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to)]
+        _, note = _linear_photograph(self.file, *self.size())
+        return [*super().warn(facts, grids),
+            *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to),
+            *([f"{os.path.basename(self.file)}: {note}"] if note else [])]
 
     def size(self) -> tuple[int, int]:
         grid = self.plane()
         return grid["y"].size, grid["x"].size
 
     def known(self) -> Facts:
-        linear = _linear_photograph(self.file, *self.size())
+        linear, _ = _linear_photograph(self.file, *self.size())
         low, high = float(linear.min()), float(linear.max())
         return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
 
@@ -406,7 +406,7 @@ class Photograph(Scene):
 
     def run(self, prepared: Any) -> dict[str, Any]:
         white, basis = prepared
-        linear = _linear_photograph(self.file, *self.size())
+        linear, _ = _linear_photograph(self.file, *self.size())
         weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
         cube = weights[:, 0] * linear[0]  # not a matrix product: its bits would hang on the number of bands
         cube += weights[:, 1] * linear[1]

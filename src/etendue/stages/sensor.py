@@ -16,7 +16,7 @@ from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quant
 from etendue.physics import expansion, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
 from etendue.spec.stage import has_method
-from etendue.stages.sensitivity import Collecting, FLAT, collection_at_zero, cut_off_notes, electrons_per_irradiance, quantum_efficiency
+from etendue.stages.sensitivity import FLAT, Collecting, collection_at_zero, cut_off_notes, electrons_per_irradiance, quantum_efficiency
 
 
 @dataclass(frozen=True, kw_only=True)

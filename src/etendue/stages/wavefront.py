@@ -22,6 +22,8 @@ from etendue.stages.lens import Blur, too_coarse
 
 COARSE = 64  # cells on which the steepness of the wavefront is looked at
 MOST_SAMPLES = 2048
+WAVES: Any = {"units": "um", "at_least": -1e3, "at_most": 1e3}
+MOVED: Any = {"units": "mm", "at_least": -1e3, "at_most": 1e3}
 TABLE_BYTES = 64 << 20  # of what is kept for all bands
 ROUND_WAVES = {False: 6.0, True: 2.0}  # per pupil radius, clear or obstructed: steeper round wavefronts are summed over cells
 
@@ -35,12 +37,14 @@ class Aberrated(Cone):
     """
 
     object_distance: float = quantity("object_distance")
-    defocus: float = param(0.0, units="mm", doc="how far behind the sensor the image lies, besides what the object distance makes of it")
-    spherical: float = param(0.0, units="um", doc="spherical aberration W040")
-    coma: float = param(0.0, units="um", doc="coma W131 at the full image height")
-    astigmatism: float = param(0.0, units="um", doc="astigmatism W222 at the full image height")
-    field_curvature: float = param(0.0, units="um", doc="field curvature W220 at the full image height")
-    full_height: float = param(4.0, units="mm", above=0, doc="image height for which coma, astigmatism and field curvature hold")
+    defocus: float = param(0.0, **MOVED, doc="how far behind the sensor the image lies, besides what the object distance makes of it")
+    spherical: float = param(0.0, **WAVES, doc="spherical aberration W040")
+    coma: float = param(0.0, **WAVES, doc="coma W131 at the full image height")
+    astigmatism: float = param(0.0, **WAVES, doc="astigmatism W222 at the full image height")
+    field_curvature: float = param(0.0, **WAVES, doc="field curvature W220 at the full image height")
+    full_height: float = param(
+        4.0, units="mm", at_least=1e-3, at_most=1e3, doc="image height for which coma, astigmatism and field curvature hold"
+    )
 
     def warn_among(self, uses: frozenset[str]) -> list[str]:
         return ["diffraction is in this stage already, and counts twice; leave the stage out"] if "diffraction" in uses else []
@@ -84,9 +88,9 @@ class Wavefront(Blur, Aberrated):
     blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
     rotation: float = param(0.0, units="deg", doc="polygonal: a corner lies at this angle from +x towards +y")
     rounding: float = param(0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners")
-    zernike: tuple[float, ...] = param((), units="um", doc="rms coefficients over the f-number's circle, piston first")
+    zernike: tuple[float, ...] = param((), **WAVES, doc="rms coefficients over the f-number's circle, piston first")
     zernike_index: str = param("noll", choices=("noll", "ansi"), doc="order of the coefficients: Noll's from 1, or ANSI's from 0")
-    distortion: float = param(0.0, units="um", doc="distortion W311 at the full image height: it moves the image")
+    distortion: float = param(0.0, **WAVES, doc="distortion W311 at the full image height: it moves the image")
     field_y: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
     field_x: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
     pupil_samples: int = param(

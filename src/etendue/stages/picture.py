@@ -1,0 +1,217 @@
+"""Pictures of files as they are: every bit of them, or a refusal that says what the file holds.
+
+In:  a PNG, JPEG or TIFF file: grey or colour, 1 to 32 bits or floats, sRGB-encoded.
+Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3), still in the file's own numbers.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etendue.spec.bounds import beyond
+
+MOST_PIXELS = 50_000_000  # a gigabyte while it is read
+ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
+_MODES = ("1", "L", "P", "RGB", "I;16", "I;16B", "I;16L", "I", "RGBA", "LA", "PA", "YCbCr")
+_TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture upright
+    1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1), 6: lambda a: a.swapaxes(0, 1)[:, ::-1], 7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
+    8: lambda a: a.swapaxes(0, 1)[::-1],
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Values in the file's own numbers, and by what they are divided; what is not done to them."""
+
+    values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
+    full: float
+    note: str = ""
+
+
+def read_picture(path: str) -> Picture:
+    """The picture of a file, the way up that the file says.
+
+    Raises
+    ------
+    ValueError
+        No picture, a damaged one, one that is too large, more than one, transparent pixels, signed numbers, NaN or floats
+        outside 0 to 1, colours that are neither grey nor RGB: with the file, what it holds and what is allowed.
+    """
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower
+            with Image.open(path) as picture:
+                kind, size = picture.format, picture.size
+        if kind not in ("PNG", "JPEG", "MPO", "TIFF"):
+            raise ValueError(f"{path} is a {kind} picture; allowed are {ALLOWED}")
+        _check_size(path, size[0] * size[1])
+        found = _tiff(path) if kind == "TIFF" else _plain(path)
+    except Image.DecompressionBombError as error:
+        pixels = re.search(r"\((\d+) pixels\)", str(error))
+        _check_size(path, int(pixels[1]) if pixels else 10 * MOST_PIXELS)
+        raise ValueError(f"{path} cannot be read: {error}") from None
+    except ValueError as error:
+        text = str(error) if str(error).startswith(path) else f"{path} cannot be read as a picture: {error}"
+        raise ValueError(text) from None
+    except (OSError, EOFError, SyntaxError, LookupError, TypeError, ArithmeticError) as error:
+        raise ValueError(f"{path} cannot be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}") from None
+    except Exception as error:  # of a decoder: zlib.error, struct.error
+        raise ValueError(f"{path} is damaged: {type(error).__name__}: {' '.join(str(error).split())[:150]}") from None
+    return found
+
+
+def _check_size(path: str, pixels: int) -> None:
+    too_many = beyond(pixels, "pixels", MOST_PIXELS, "reduce the picture first: a scene is drawn on a grid of its own")
+    if too_many:
+        raise ValueError(f"{path} has {too_many}")
+
+
+def _plain(path: str) -> Picture:
+    """PNG and JPEG."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        frames = getattr(picture, "n_frames", 1)
+        if frames > 1 and picture.format != "MPO":  # a telephone's JPEG may hold a preview
+            raise ValueError(f"{path} holds {frames} pictures; save the one that is meant")
+        mode, note, turn = picture.mode, _colour_note(picture.info), picture.getexif().get(0x0112, 1)
+        if mode not in _MODES:
+            raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
+        deep = picture.format == "PNG" and _png_depth(path) == 16
+        clear = _transparent(picture)
+        if clear:
+            raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
+    if deep and mode in ("RGB", "RGBA"):
+        values = _deep_png(path, mode)[..., :3]
+    elif deep and mode in ("LA", "PA"):
+        raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
+    else:
+        with Image.open(path) as picture:
+            if mode.startswith("I"):
+                values = np.asarray(picture).astype(np.uint16)[..., None]
+            elif mode in ("1", "L", "LA"):
+                values = np.asarray(picture.convert("L"))[..., None]
+            else:
+                values = np.asarray(picture.convert("RGB"))
+    return Picture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note)
+
+
+def _png_depth(path: str) -> int:
+    with open(path, "rb") as file:
+        return file.read(25)[24]
+
+
+def _transparent(picture: Any) -> int:
+    """How many pixels are not opaque."""
+    if "A" not in picture.mode and "transparency" not in picture.info:
+        return 0
+    alpha = np.asarray(picture.convert("RGBA").getchannel("A"))
+    return int(np.count_nonzero(alpha < 255))
+
+
+def _deep_png(path: str, mode: str) -> Any:
+    """All 16 bits of a colour PNG, of which Pillow hands on the upper eight: taken as little-endian, the same bytes give the lower."""
+    from PIL import Image
+
+    halves = []
+    for order in ("B", "L"):
+        with Image.open(path) as picture:
+            tile: Any = picture.tile[0]
+            raw = f"{mode};16{order}"
+            turned: Any = tile._replace(args=raw) if hasattr(tile, "_replace") else (*tile[:3], raw)
+            picture.tile = [turned]
+            halves.append(np.asarray(picture).astype(np.uint16))
+    return halves[0] * np.uint16(256) + halves[1]
+
+
+def _colour_note(info: Any) -> str:
+    """What the file says of its colours that is not done: they are read as sRGB."""
+    profile = info.get("icc_profile")
+    if profile:
+        text = profile.decode("latin-1")
+        name = next((n for n in ("Display P3", "Adobe RGB", "ProPhoto", "Rec. 2020", "Dot Gain", "Gray Gamma", "sRGB")
+                     if n in text or n in text.replace("\0", "")), "of another kind")  # fmt: skip
+        return "" if name == "sRGB" else f"its colour profile ({name}) is not applied: values are read as sRGB"
+    gamma = info.get("gamma")
+    if gamma and "srgb" not in info and abs(gamma - 1 / 2.2) > 0.01:
+        return f"its gamma ({gamma:g}) is not applied: values are read as sRGB"
+    return ""
+
+
+def _tiff(path: str) -> Picture:
+    import logging
+
+    import tifffile
+
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    with tifffile.TiffFile(path) as file:
+        pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
+        if len(pages) != 1:
+            raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
+        page = pages[0].aspage()
+        _check_size(path, page.imagelength * page.imagewidth)
+        colours = page.photometric.name if hasattr(page.photometric, "name") else str(page.photometric)
+        kind = page.dtype
+        turn = int(page.tags.valueof(274, 1))
+        profile = page.tags.valueof(34675)
+        note = _colour_note({"icc_profile": bytes(profile)} if profile else {})
+        if kind is None or kind.kind not in "uf" or page.bitspersample not in (8, 16, 32, 64):
+            if kind is None or page.bitspersample != 1:
+                raise ValueError(f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from 0 to 1")
+        if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
+            raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
+        if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
+            return Picture(_by_pillow(path), 255.0, note)
+        try:
+            values = page.asarray()
+        except (ValueError, ImportError) as error:  # a codec that is not installed
+            if kind.itemsize == 1:
+                return Picture(_by_pillow(path), 255.0, note)
+            raise ValueError(f"{path} cannot be decoded: {error}; save it without compression, or with deflate") from None
+        if page.planarconfig == 2 and values.ndim == 3:
+            values = values.transpose(1, 2, 0)
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
+        raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples a pixel; allowed are {ALLOWED}")
+    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    if values.shape[2] in (2, 4):
+        clear = int(np.count_nonzero(values[..., -1] < full))
+        if clear:
+            raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
+        values = values[..., :-1]
+    if values.dtype.kind == "f":
+        _check_floats(path, values)
+    if colours == "MINISWHITE":
+        values = (values.dtype.type(full) - values).astype(values.dtype)
+    return Picture(_TURNS.get(turn, _TURNS[1])(values), full, note)
+
+
+def _by_pillow(path: str) -> Any:
+    """8-bit values of a TIFF file whose coding only Pillow knows; it turns them upright itself."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        if _transparent(picture):
+            raise ValueError(f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first")
+        if picture.mode in ("1", "L"):
+            return np.asarray(picture.convert("L"))[..., None]
+        return np.asarray(picture.convert("RGB"))
+
+
+def _check_floats(path: str, values: Any) -> None:
+    """Floats are reflectances behind the sRGB curve: from 0 to 1."""
+    bad = ~((values >= 0) & (values <= 1))
+    if bad.any():
+        row, column, _ = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        raise ValueError(
+            f"{path} holds {float(values[row, column].flat[int(np.argmax(bad[row, column]))]):g} at row {row}, column {column} "
+            f"({int(bad.any(axis=2).sum())} such pixels); allowed are floats from 0 to 1"
+        )
