@@ -17,6 +17,7 @@ from etendue.spec.bounds import beyond
 
 MOST_PIXELS = 50_000_000  # a gigabyte while it is read
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MODES = ("1", "L", "P", "RGB", "I;16", "I;16B", "I;16L", "I", "RGBA", "LA", "PA", "YCbCr")
 _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture upright
     1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
@@ -43,17 +44,22 @@ def read_picture(path: str) -> Picture:
         No picture, a damaged one, one that is too large, more than one, transparent pixels, signed numbers, NaN or floats
         outside 0 to 1, colours that are neither grey nor RGB: with the file, what it holds and what is allowed.
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     try:
+        with open(path, "rb") as file:
+            if file.read(4) in _TIFF:
+                return _tiff(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
-        if kind not in ("PNG", "JPEG", "MPO", "TIFF"):
+        if kind not in ("PNG", "JPEG", "MPO"):
             raise ValueError(f"{path} is a {kind} picture; allowed are {ALLOWED}")
         _check_size(path, size[0] * size[1])
-        found = _tiff(path) if kind == "TIFF" else _plain(path)
+        return _plain(path)
+    except UnidentifiedImageError:
+        raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
     except Image.DecompressionBombError as error:
         pixels = re.search(r"\((\d+) pixels\)", str(error))
         _check_size(path, int(pixels[1]) if pixels else 10 * MOST_PIXELS)
@@ -65,7 +71,6 @@ def read_picture(path: str) -> Picture:
         raise ValueError(f"{path} cannot be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}") from None
     except Exception as error:  # of a decoder: zlib.error, struct.error
         raise ValueError(f"{path} is damaged: {type(error).__name__}: {' '.join(str(error).split())[:150]}") from None
-    return found
 
 
 def _check_size(path: str, pixels: int) -> None:
