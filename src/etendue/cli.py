@@ -195,10 +195,11 @@ def _answering_sigterm() -> Iterator[None]:
 @click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line.")
 @click.option("--recompute", is_flag=True, help="Compute again what is already finished.")
 @click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform.")
+@click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def run(
     file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, as_json: bool, archive: Path | None,
-    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, quiet: bool,
+    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, prune: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
@@ -209,7 +210,7 @@ def run(
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.session import Options, check_scheduler, execute
 
-    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform)
+    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform, prune)
     folder = archive or Path(made.pipeline.name)
     if not as_json:
         for text in made.warnings:

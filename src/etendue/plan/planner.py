@@ -25,6 +25,7 @@ def make_plan(pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = 
     RequestError
         With every fault of the file, or every stage whose grid is impossible.
     """
+    leave_out_allowed = leave_out_allowed and pipeline.leave_out
     try:
         graph = build_graph(pipeline, registry)
         choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)

@@ -16,10 +16,11 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError, nearest
 from etendue.spec import camera
+from etendue.spec.names import LONGEST, unfit_stage
 from etendue.spec.presets import preset
 from etendue.spec.units import as_written
 
-TOP = ("name", "seed", "tolerance", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description")
+TOP = ("name", "seed", "tolerance", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description")
 LARGEST_FILE = 1 << 20
 
 
@@ -48,6 +49,7 @@ class Pipeline:
     keep: tuple[str, ...] | None = None  # None: all that is computed
     seed: int = 0
     tolerance: float = 1e-4
+    leave_out: bool = True  # whether what a scene does not need may be left out
     precision: str = "auto"
     variant: str = ""
     description: str = ""
@@ -208,7 +210,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
 
     def text_of(key: str, default: str) -> str:
         value = document.get(key, default)
-        if not isinstance(value, str) or (key == "name" and (not value or "/" in value or value.startswith("."))):
+        if not isinstance(value, str) or (key == "name" and not _is_folder_name(value)):
             faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}"))
             return default
         return value
@@ -232,6 +234,10 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | Decimal) or not 0 <= float(tolerance) < 1:
         faults.append(Fault("tolerance", f"expected a number of at least 0 and below 1, got {as_written(tolerance)}"))
         tolerance = 1e-4
+    leave_out = document.get("leave_out", True)
+    if not isinstance(leave_out, bool):
+        faults.append(Fault("leave_out", f"expected true or false, got {as_written(leave_out)}"))
+        leave_out = True
     precision = text_of("precision", "auto")
     if precision not in ("auto", "float32", "float64"):
         faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}"))
@@ -256,6 +262,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         keep=names_of("keep"),
         seed=seed,
         tolerance=float(tolerance),
+        leave_out=leave_out,
         precision=precision,
         variant=text_of("variant", ""),
         description=text_of("description", ""),
@@ -263,6 +270,11 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         faults=tuple(faults),
         whole=whole,
     )
+
+
+def _is_folder_name(name: str) -> bool:
+    """Whether a pipeline's name can be that of its archive."""
+    return name.isprintable() and not set(name) & set("/\\") and name[:1] not in ("", ".", "-") and len(name.encode()) <= LONGEST
 
 
 def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
@@ -313,8 +325,9 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
             whole = False
             continue
         name = table.get("name", use)
-        if not isinstance(name, str) or not name.replace("_", "a").replace("-", "a").isalnum():
-            faults.append(Fault(f"{place}.name", f"expected letters, digits and _, got {as_written(name)}"))
+        unfit = unfit_stage(name) if isinstance(name, str) else "expected letters, digits and _"
+        if unfit:
+            faults.append(Fault(f"{place}.name", unfit if "table" in unfit else f"{unfit}, got {as_written(name)}"))
             whole = False
             continue
         place = f"{place} {name}"
