@@ -227,7 +227,11 @@ class Archive:
         names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
         earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.axes}
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self._make_tree()
+        planned = set(self.names.values())
+        left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
+        left += [name for name, entry in self.journal.entries.items() if name not in planned and entry.event == "done"]
+        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
+        self._make_tree(todo)
         self._say_what_was_damaged()
         disk.remove(self.folder, "manifest.json")
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
@@ -238,26 +242,21 @@ class Archive:
         for ref in outdated:
             for chunk in self.chunk_paths(self.plan.cells[ref]):
                 disk.remove(self.folder, chunk.path)
-        planned = set(self.names.values())
-        left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        left += [name for name, entry in self.journal.entries.items() if name not in planned and entry.event == "done"]
-        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
-        self._put_status(set(todo))
         self._put(self.tree.files())
 
-    def _make_tree(self) -> None:
+    def _make_tree(self, todo: Collection[CellRef]) -> None:
         """Everything in the store that the plan knows, tables aside."""
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         attrs: dict[str, Any] = {"etendue": {"format": 1, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
         if self.plan.pipeline.variant:
             attrs["variant"] = self.plan.pipeline.variant
-        self.tree.root.update_attributes(attrs)
+        self.tree.put_group("", attrs)
         for path, node_attrs in self.layout.parents.items():
             self.tree.put_group(path, node_attrs)
         for path, group in self.layout.groups.items():
             self.tree.put_group(path, group.attrs)
             self._lay_out(path, group)
-        self._put_status((), write=False)
+        self._put_status(set(todo))
 
     def _say_what_was_damaged(self) -> None:
         """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
@@ -403,8 +402,8 @@ class Archive:
 
     # -- closing --------------------------------------------------------------------------------------
 
-    def _put_status(self, todo: Collection[CellRef] = (), write: bool = True) -> None:
-        """Write ``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
+    def _put_status(self, todo: Collection[CellRef] = ()) -> None:
+        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
         for path, layout in self.layout.groups.items():
             status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
             for ref, index in layout.cells.items():
@@ -412,18 +411,20 @@ class Archive:
                 if ref not in todo and entry is not None and entry.key == self.plan.cells[ref].key and entry.event != "start":
                     status[self._place(path, index)] = STATUS.index(entry.status)
             self.tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
-            if write:
-                self._put(self.tree.files(f"{path}/status"))
 
     def _frames(self) -> dict[str, bytes]:
         """The files of the pictures of an earlier run; none where they are not whole."""
         folder = f"{DATA}/{FRAMES}"
         files = {path.removeprefix(f"{DATA}/"): _bytes(self.folder / path) or b"" for path in self.listing.below(folder)}
-        return files if _attributes(files, FRAMES).get("digest") == _table_digest(files, FRAMES) else {}
+        attrs = _attributes(files)
+        own = Tree()
+        own.put_group(FRAMES, attrs)
+        whole = own.held.items() <= files.items() and attrs.get("digest") == _digest(files)
+        return files if whole else {}
 
     def shown(self) -> Any:
         """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
-        return _attributes(self._frames(), FRAMES).get("shown")
+        return _attributes(self._frames()).get("shown")
 
     def sheet_is_whole(self) -> bool:
         """Whether the contact sheet of an earlier run is there as it was written."""
@@ -436,6 +437,7 @@ class Archive:
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Write status and tables, then consolidate: readers see a finished run or the one before."""
         self._put_status()
+        self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:
                 self.tree.take(self._frames() if name == FRAMES else {})
@@ -443,9 +445,9 @@ class Archive:
             for column, (dims, values, attrs) in tables[name]["arrays"].items():
                 self.tree.put_array(name, column, values, dims, attrs)
             attrs = dict(tables[name].get("attrs", {}))
+            self.tree.put_group(name, attrs)
             if name == FRAMES:  # which is not made again by every run
-                attrs["digest"] = _table_digest(self.tree.files(name), name)
-            self.tree.root[name].update_attributes(attrs)
+                self.tree.put_group(name, {**attrs, "digest": _digest(self.tree.files(name))})
             own = self.tree.files(name)
             stale = [node for node in self._nodes_on_disk(name) if f"{node}/{ROOT}" not in own and node in self.ours]
             for node in sorted(stale, key=lambda node: -node.count("/")):
@@ -477,21 +479,25 @@ def _bytes(path: Path) -> bytes | None:
         return path.read_bytes()
     except FileNotFoundError:
         return None
+    except IsADirectoryError:
+        raise disk.in_place_of_file(path.parent, path.name) from None
 
 
-def _attributes(files: Mapping[str, bytes], name: str) -> dict[str, Any]:
+def _attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
+    """The attributes of the pictures."""
     try:
-        found = json.loads(files.get(f"{name}/{ROOT}", b"{}"))["attributes"]
+        found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]
     except (ValueError, KeyError, TypeError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 
 
-def _table_digest(files: Mapping[str, bytes], name: str) -> str:
-    """Of all arrays of a table: it stands in the table's own attributes."""
-    found = hashlib.sha256()
+def _digest(files: Mapping[str, bytes]) -> str:
+    """Of all the pictures and what is said of them: it stands in their own attributes."""
+    said = {name: value for name, value in _attributes(files).items() if name != "digest"}
+    found = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for path in sorted(files):
-        if path != f"{name}/{ROOT}":
+        if path != f"{FRAMES}/{ROOT}":
             found.update(f"{path} {hashlib.sha256(files[path]).hexdigest()}\n".encode())
     return found.hexdigest()
 
