@@ -228,10 +228,12 @@ def plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, noth
     "--cell-timeout", type=click.FloatRange(0, min_open=True), metavar="SECONDS",
     help="A cell that takes longer is stopped and counts as failed. With processes or tcp:// only: a thread cannot be stopped.",
 )
+@click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
 @click.option("--quiet", is_flag=True, help="No progress.")
 def run(
     file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, nothing_left_out: bool, as_json: bool, archive: Path | None,
-    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, cell_timeout: float | None, quiet: bool,
+    scheduler: str, workers: int | None, durable: bool, recompute: bool, accept_platform: bool, prune: bool,
+    cell_timeout: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
@@ -245,7 +247,7 @@ def run(
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.session import Options, check_scheduler, check_timeout, execute
 
-    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform, cell_timeout=cell_timeout)
+    options = Options(check_scheduler(scheduler), workers or 0, durable, recompute, accept_platform, prune=prune, cell_timeout=cell_timeout)
     check_timeout(options)
     folder = here / (archive or made.pipeline.name)
     if not as_json:

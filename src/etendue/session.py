@@ -10,6 +10,7 @@ import copy
 import os
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -41,6 +42,7 @@ class Options:
     durable: bool = False
     recompute: bool = False
     accept_platform: bool = False
+    prune: bool = False  # whether finished results that the plan does not keep may be removed
     batch_seconds: float = 0.1
     pictures: bool = True  # without an archive: whether a cell of every stage is drawn
     cell_timeout: float | None = None  # seconds after which a cell is stopped and has failed; processes and clusters only
@@ -61,6 +63,9 @@ class Outcome:
     arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
     shown_at: str = ""  # axis values of the cells in the pictures and headlines
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
+    pruned: int = 0  # finished cells removed because it was asked for
+    stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
+    mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
 
     @property
     def failed(self) -> list[CellReport]:
@@ -117,33 +122,34 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
     check_machine(plan, Path(archive) if archive is not None else None)
     if archive is None:
         return _in_memory(plan, options, progress)
-    from etendue.archive import provenance
-    from etendue.archive.journal import read_axes
-    from etendue.archive.layout import cell_name
+    from etendue.archive import inputs, provenance
     from etendue.archive.store import Archive
 
     began = time.perf_counter()
     asked = plan
-    plan = with_stored_values(plan, read_axes(Path(archive) / "journal.jsonl"))
-    by_name = {cell_name(plan, ref): ref for ref in plan.cells}
-    requested = {ref: by_name[cell_name(asked, ref)] for ref in asked.cells}
-    with Archive(Path(archive), plan, options.durable) as store:
-        old = provenance.latest_record(store.folder)
-        _check_platform(store.folder, old, options, provenance.platform_record())
+    with Archive(Path(archive), options.durable) as store:
+        plan, stay, pruned = _with_stored(asked, store, options.prune)
+        requested = _same_cells(asked, plan)
+        store.use(plan)
+        old, entries = store.record, store.journal.entries
+        _check_platform(store, old, options, provenance.platform_record())
         finished = set() if options.recompute else {ref for ref in plan.cells if store.finished(ref)}
         todo = select(plan, finished, set(requested.values()))
         outdated = set(plan.cells) - finished - todo - set(requested.values())
         removed = sum(store.has_files(ref) for ref in outdated)
-        store.begin(todo, outdated)
-        known = {cell for cell, entry in store.journal.entries.items() if entry.event == "done"}
+        known = any(entry.event == "done" for entry in entries.values())
         reasons = provenance.reasons(old, plan) if known else {}
         again = {ref[0] for ref in todo}
         reasons = {name: why for name, why in reasons.items() if name in again}
         for name, count in store.damaged.items():
             reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
-        if todo or old is None:
-            provenance.write_record(store.folder, plan, {"tolerance": plan.pipeline.tolerance, "scheduler": options.scheduler})
-            provenance.copy_inputs(store.folder, plan)
+        store.begin(todo, finished, outdated)
+        store.journal.begin_run(_by_stage(requested.values()), _by_stage(todo))
+        resolved = inputs.resolve_pipeline(asked)
+        store.mended += inputs.copy_inputs(store.folder, resolved.inputs, options.durable)
+        if todo or not store.recorded:
+            told = {"tolerance": plan.pipeline.tolerance, "scheduler": options.scheduler}
+            provenance.write_record(store.folder, plan, asked, resolved, told, options.durable)
         shown = {name: requested[ref] for name, ref in shown_cells(asked).items()}
         show = frozenset(ref for ref in shown.values() if ref in todo)
         jobs = make_jobs(plan, todo, store.target, show=show)
@@ -164,7 +170,10 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
             arrays.update(result.kept)  # type: ignore[arg-type]
             progress.finished(tuple(fresh))
 
-        outcome = Outcome(plan, reports, finished - todo, 0.0, reasons, store.folder, arrays=arrays, removed=removed)
+        outcome = Outcome(
+            plan, reports, finished - todo, 0.0, reasons, store.folder, arrays=arrays, removed=removed, pruned=pruned, stay=stay,
+            mended=store.mended,
+        )  # fmt: skip
         from etendue.report import pictures, tables
 
         progress.begin(len(todo))
@@ -176,7 +185,7 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
             _merge_journal(outcome, store)
             stored = _as_stored(outcome, store)
             store.close_run({"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)})
-            provenance.write_manifest(store.folder)
+            store.write_manifest()
             store.sweep(stop.abandoned)
             raise
         finally:
@@ -188,18 +197,21 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
         kept_tables = {"ledger": tables.ledger(plan, stored), "summary": tables.summary(plan, stored)}
         sheet = store.folder / "contact_sheet.png"
         keys = [plan.cells[ref].key for ref in shown.values()]
-        if arrays or store.table_attributes("frames").get("shown") != keys or not sheet.exists():
+        if arrays or store.shown() != keys or not store.sheet_is_whole():
             frames = pictures.render(plan, shown, {**_stored(plan, store, todo, shown), **arrays})
             if frames:
                 kept_tables["frames"] = pictures.frames_table(frames)
                 kept_tables["frames"]["attrs"] = {**kept_tables["frames"].get("attrs", {}), "shown": keys, "at": where_shown(asked)}
-                pictures.contact_sheet(frames, sheet, f"{plan.pipeline.name}{where_shown(asked)}")
+                drawn = sheet.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
+                drawn.unlink(missing_ok=True)
+                pictures.contact_sheet(frames, drawn, f"{plan.pipeline.name}{where_shown(asked)}")
+                os.replace(drawn, sheet)
         if sheet.exists():
             outcome.pictures = [sheet]
         arrays.update(_stored(plan, store, todo, shown, figures_only=True))
         store.close_run(kept_tables)
-        provenance.write_crate(store.folder, plan)
-        provenance.write_manifest(store.folder)
+        provenance.write_crate(store.folder, plan, options.durable)
+        store.write_manifest()
     return _as_asked(outcome, asked, requested, time.perf_counter() - began)
 
 
@@ -317,14 +329,58 @@ def check_timeout(options: Options) -> None:
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
 
 
-def _check_platform(folder: Path, old: Mapping[str, Any] | None, options: Options, now: Mapping[str, Any]) -> None:
-    if old is None or options.accept_platform or options.recompute or old["platform"] == dict(now):
+def _with_stored(asked: Plan, store: Any, prune: bool) -> tuple[Plan, list[str], int]:
+    """The plan over what an archive holds as well; the stages kept for that reason alone, and how many cells are given up.
+
+    Raises
+    ------
+    ArchiveError
+        Finished results would be lost, and nobody has asked for that.
+    """
+    from etendue.archive import keeping
+    from etendue.archive.inputs import sweep_of
+    from etendue.archive.provenance import records
+
+    swapped = any(axis.key.endswith(".use") for axis in asked.axes)
+    sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
+    plan = with_stored_values(asked, store.journal.axes, sweeps)
+    if not _same_cells(asked, plan):
+        plan = asked
+    store.check_stages(plan)
+    entries, stored = store.journal.entries, store.stored()
+    if prune:
+        return plan, [], sum(keeping.pruned(plan, entries, stored).cells.values())
+    plan, stay, lost = keeping.staying(plan, entries, stored)
+    if lost.cells:
+        lost.refuse(str(store.folder))
+    return plan, stay, 0
+
+
+def _same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
+    """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
+    from etendue.archive.layout import cell_name
+
+    by_name = {cell_name(plan, ref): ref for ref in plan.cells}
+    found = {ref: by_name.get(cell_name(asked, ref)) for ref in asked.cells}
+    return {} if None in found.values() else found  # type: ignore[return-value]
+
+
+def _by_stage(refs: Iterable[CellRef]) -> dict[str, int]:
+    return dict(Counter(name for name, _ in refs))
+
+
+def _check_platform(store: Any, old: Mapping[str, Any] | None, options: Options, now: Mapping[str, Any]) -> None:
+    if options.accept_platform or options.recompute:
+        return
+    way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
+    if old is None:
+        if any(entry.event == "done" for entry in store.journal.entries.values()):
+            raise ArchiveError(f"no record in {store.folder / 'runs'} can be read, which say on what its cells were computed. {way_out}")
+        return
+    if old["platform"] == dict(now):
         return
     changed = ", ".join(f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k])
-    raise ArchiveError(
-        f"{folder} was begun on another platform ({changed}), where bits may differ. "
-        "Go on with its finished cells: --accept-platform; compute all again: --recompute"
-    )
+    raise ArchiveError(f"{store.folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
 
 
 def simulate(

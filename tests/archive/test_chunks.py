@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from etendue.archive import chunks
 from etendue.archive.chunks import CellFiles, ChunkFile, decode, encode
-from etendue.archive.store import _codecs
+from etendue.archive.tree import codecs
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.run.small import assert_same_bits
 
@@ -37,7 +37,7 @@ def by_zarr(folder, array):
     """The bytes zarr writes for an array of one chunk."""
     group = zarr.open_group(str(folder), mode="w", zarr_format=3)
     stored = group.create_array(
-        "a", shape=array.shape, chunks=tuple(max(n, 1) for n in array.shape), dtype=array.dtype, compressors=_codecs(),
+        "a", shape=array.shape, chunks=tuple(max(n, 1) for n in array.shape), dtype=array.dtype, compressors=codecs(),
         fill_value=0, config={"write_empty_chunks": True}, chunk_key_encoding={"name": "default", "separator": "."},
     )  # fmt: skip
     stored[...] = array

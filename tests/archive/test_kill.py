@@ -30,13 +30,14 @@ DRAWN_OUT = (
     FINELY
     + """
 import os, time, types
-from etendue.archive import chunks
+from etendue.archive import disk
 
-def replace(*paths):  # half of the kills should fall between chunks, and some between a chunk and its place
-    time.sleep(0.002)
-    os.replace(*paths)
+def replace(*paths, **folders):  # half of the kills should fall between chunks, and some between a chunk and its place
+    if paths[1].startswith("c."):
+        time.sleep(0.002)
+    os.replace(*paths, **folders)
 
-chunks.os = types.SimpleNamespace(**{**vars(os), "replace": replace})
+disk.os = types.SimpleNamespace(**{**vars(os), "replace": replace})
 """
 )
 SLOWLY = (

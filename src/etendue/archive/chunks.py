@@ -7,8 +7,6 @@ bytes equal to those of zarr's own API.
 from __future__ import annotations
 
 import hashlib
-import os
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +16,7 @@ import google_crc32c
 import numpy as np
 from numcodecs import blosc
 
+from etendue.archive import disk
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.spec.ports import Written
 
@@ -66,19 +65,17 @@ class CellFiles:
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
         """Write every chunk beside its place and rename it there."""
-        root = Path(self.root)
         try:
-            owner = (root / "run.id").read_text()
+            owner = (Path(self.root) / "run.id").read_bytes()
         except FileNotFoundError:
-            owner = ""
-        if owner != self.run_id:
-            raise ArchiveInUse(f"{root} belongs to another run now; this one stops")
+            owner = b""
+        if owner != self.run_id.encode():
+            raise ArchiveInUse(f"{self.root} belongs to another run now; this one stops")
         written = []
         for chunk in self.chunks:
             array = arrays[chunk.variable]
             data = encode(array if chunk.band is None else array[chunk.band])
-            path = root / chunk.path
-            _write(path, data, self.durable)
+            disk.write(self.root, chunk.path, data, self.durable)
             written.append(Written(chunk.path, len(data), digest_of(data)))
         return tuple(written)
 
@@ -100,27 +97,3 @@ class CellFiles:
         """One band of a variable that is stored by band."""
         chunk = next(c for c in self.chunks if c.variable == variable and c.band == band)
         return decode((Path(self.root) / chunk.path).read_bytes(), chunk.dtype, chunk.shape)
-
-
-def _write(path: Path, data: bytes, durable: bool) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.partial")
-    try:
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-    except FileNotFoundError:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-    try:
-        view = memoryview(data)
-        while view:
-            view = view[os.write(handle, view) :]
-        if durable:
-            os.fsync(handle)
-    finally:
-        os.close(handle)
-    os.replace(temporary, path)
-    if durable:
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 from pathlib import Path
 from typing import Any
 
-from etendue.archive.journal import read_journal
-from etendue.archive.provenance import latest_record
+from etendue.archive import disk
+from etendue.archive.journal import NAME as JOURNAL
+from etendue.archive.journal import Read, read
+from etendue.archive.manifest import read_manifest
+from etendue.archive.provenance import latest_record, record_paths
 from etendue.errors import ArchiveError
 
 
 def _running(folder: Path) -> bool:
     try:
-        handle = os.open(folder / "lock", os.O_RDONLY)
+        handle = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
         return False
     try:
@@ -27,41 +29,91 @@ def _running(folder: Path) -> bool:
         os.close(handle)
 
 
+def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
+    more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
+    return ArchiveError(
+        f"{folder / paths[0]}{more} is missing, or not as it was written: the archive is damaged. "
+        f"Run its pipeline on it again (etendue run FILE --archive {folder}): what the plan knows is written again, the rest computed"
+    )
+
+
 def describe_archive(folder: Path) -> dict[str, Any]:
-    """Stages with their variables and cells, axes, size, and whether a run is going on.
+    """Stages with their variables and cells, axes, size, how much of what was asked for is done, and whether a run is going on.
 
     Raises
     ------
     ArchiveError
-        The folder is not an archive.
+        The folder is not an archive, or it is damaged: what is, and what to do.
     """
     root = folder / "data.zarr"
-    record = latest_record(folder)
-    if not (root / "zarr.json").exists() or record is None:
+    manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
+    if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
         raise ArchiveError(f"{folder} is not an archive of etendue (no data.zarr with a run record in it)")
-    attributes = json.loads((root / "zarr.json").read_text()).get("attributes", {})
+    listing = disk.Listing(folder)
+    running = _running(folder)
+    changed = manifest.changed(folder) if manifest and not running else []
+    if (folder / "manifest.json").exists() and manifest is None and not running:
+        changed = ["manifest.json"]
+    if changed:
+        raise _damaged(folder, changed)
+    record = latest_record(folder)
+    if record is None:
+        if running:
+            raise ArchiveError(f"{folder}: a run is beginning; look again in a moment")
+        raise _damaged(folder, [f"runs/{path.name}" for path in records[-1:]] or ["runs"])
+    journal = read(folder / JOURNAL)
+    if journal.damaged and not running:
+        raise _damaged(folder, [JOURNAL])
     counts: dict[str, dict[str, int]] = {}
-    for cell, entry in read_journal(folder / "journal.jsonl").items():
+    for cell, entry in journal.entries.items():
         own = counts.setdefault(cell.split(" ")[0], {})
         status = "unfinished" if entry.event == "start" else entry.status
         own[status] = own.get(status, 0) + 1
-    stages = []
-    for name in attributes.get("etendue", {}).get("stages", []):
-        groups = []
-        for path in sorted(p.parent for p in (root / name).rglob("zarr.json")) if (root / name).exists() else []:
-            document = json.loads((path / "zarr.json").read_text())
-            if document.get("node_type") == "array" and path.name != "status":
-                dims = document.get("dimension_names") or []
-                if dims == [path.name] or path.name.endswith("_um") or path.name == "wavelength_bounds":
-                    continue
-                group = str(path.parent.relative_to(root))
-                sizes = dict(zip(dims, document["shape"], strict=True))
-                units = document.get("attributes", {}).get("units", "")
-                groups.append({"group": group, "variable": path.name, "dims": sizes, "units": units, "dtype": document["data_type"]})
-        stages.append({"name": name, "variables": groups, "cells": dict(sorted(counts.get(name, {}).items()))})
-    size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+    stages = [
+        {
+            "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
+            **_progress(journal, name),
+        }
+        for name in record.get("stages") or record["nodes"]
+    ]  # fmt: skip
+    size = sum((folder / path).lstat().st_size for top in disk.FOLDERS for path in listing.below(top) if (folder / path).exists())
+    size += sum((folder / name).lstat().st_size for name in disk.FILES if (folder / name).exists())
     return {
-        "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": _running(folder),
-        "began": record["began"], "runs": len(list((folder / "runs").glob("*.json"))), "bytes": size, "stages": stages,
-        "libraries": record["libraries"],
+        "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
+        "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
+        **_progress(journal),
     }  # fmt: skip
+
+
+def _progress(journal: Read, stage: str | None = None) -> dict[str, Any]:
+    """Of the last run: how many cells it was asked for, and how many of them are there or have come to an end."""
+    if journal.run is None:
+        return {"planned": None, "finished": None}
+    stages = journal.run.planned if stage is None else [stage]
+    ended = [cell for cell in journal.run.ended if stage is None or cell.split(" ")[0] == stage]
+    planned, todo = (sum(counts.get(name, 0) for name in stages) for counts in (journal.run.planned, journal.run.todo))
+    return {"planned": planned, "finished": max(planned - todo, 0) + min(len(ended), todo)}
+
+
+def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str, Any]]:
+    """The arrays of a stage, coordinates aside."""
+    found = []
+    top = f"data.zarr/{stage}"
+    for path in sorted(path for path in listing.below(top) if path.endswith("/zarr.json")):
+        document = disk.read_document(folder / path)
+        group, name = path.removeprefix("data.zarr/").removesuffix("/zarr.json").rpartition("/")[::2]
+        if document is None:
+            if not (folder / path).exists():
+                continue  # a run has just replaced it
+            raise _damaged(folder, [path])
+        if document.get("node_type") != "array" or name == "status":
+            continue
+        dims, shape, attributes = document.get("dimension_names") or [], document.get("shape"), document.get("attributes", {})
+        if not (isinstance(dims, list) and isinstance(shape, list) and isinstance(attributes, dict) and len(dims) == len(shape)):
+            raise _damaged(folder, [path])
+        if dims == [name] or name.endswith("_um") or name == "wavelength_bounds":
+            continue
+        sizes = {str(dim): size for dim, size in zip(dims, shape, strict=True)}
+        units, dtype = str(attributes.get("units", "")), str(document.get("data_type"))
+        found.append({"group": group, "variable": name, "dims": sizes, "units": units, "dtype": dtype})
+    return found

@@ -1,31 +1,39 @@
 """The journal: what is finished, and nothing else is.
 
 One JSON line per event, appended by the owner of the archive only. A cell is finished when its **last** line is
-``done`` with the wanted key, and the files it names have the size and digest it names. A torn last line counts as
-absent. What a file's existence suggests is never asked. The axis values of each group stand here too: a coordinate
-array torn by a kill is written again from them.
+``done`` with the wanted key, and the files it names have the size and digest it names. A line ends in a checksum of
+itself; one that does not fit it, and a torn last one, count as absent. What a file's existence suggests is never asked.
+Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written again from them), the
+arrays that were made in each group, and how many cells each run has to compute.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from etendue.archive import disk
 from etendue.archive.chunks import digest_of
+from etendue.archive.layout import STATUS
 from etendue.spec.ports import Written
+
+EVENTS = ("start", "done", "failed", "removed")
+UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError)  # what reading a damaged line may raise
+SUM = 18  # characters of ',"sum":"01234567"}'
 
 
 @dataclass(frozen=True)
 class Entry:
     """The last word on one cell."""
 
-    event: str  # start | done | failed
+    event: str  # start | done | failed | removed
     key: str
     files: tuple[Written, ...] = ()
     status: str = "done"
@@ -35,19 +43,51 @@ class Entry:
     floored: float = 0.0
 
 
-class Journal:
-    """Append-only lines of one archive."""
+@dataclass
+class Going:
+    """The last run: by stage how many cells it was asked for, and which it had to compute; those that have ended since."""
 
-    def __init__(self, path: Path, durable: bool = False) -> None:
-        self.path, self.durable = path, durable
+    planned: Mapping[str, int]
+    todo: Mapping[str, int]
+    ended: set[str] = field(default_factory=set)
+
+
+@dataclass
+class Read:
+    """What a journal says."""
+
+    entries: dict[str, Entry] = field(default_factory=dict)
+    axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
+    arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
+    run: Going | None = None
+    damaged: int = 0  # lines that say nothing
+
+
+class Journal:
+    """Append-only lines of one archive. Nothing is written before ``open``."""
+
+    def __init__(self, root: Path, durable: bool = False) -> None:
+        self.root, self.durable = root, durable
         self.encoder = msgspec.json.Encoder()
-        self.entries, self.axes = _read(path)
-        _cut_torn_line(path)
-        self.handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        found = read(root / NAME)
+        self.entries, self.axes, self.arrays, self.run, self.damaged = found.entries, found.axes, found.arrays, found.run, found.damaged
+        self.handle: int | None = None
+
+    def open(self) -> None:
+        """Begin to write: behind the last whole line, damaged ones left out."""
+        if self.damaged:
+            lines = (self.root / NAME).read_bytes().split(b"\n")[:-1]
+            disk.write(self.root, NAME, b"".join(line + b"\n" for line in lines if _says_something(line)), self.durable)
+        self.handle = disk.append_to(self.root, NAME)
+        data = (self.root / NAME).read_bytes()
+        whole = data.rfind(b"\n") + 1
+        if whole != len(data):
+            os.ftruncate(self.handle, whole)
 
     def _append(self, lines: Iterable[dict[str, Any]]) -> None:
-        data = b"".join(self.encoder.encode(line) + b"\n" for line in lines)
+        data = b"".join(summed(self.encoder.encode(line)) + b"\n" for line in lines)
         if data:
+            assert self.handle is not None
             view = memoryview(data)
             while view:
                 view = view[os.write(self.handle, view) :]
@@ -91,8 +131,31 @@ class Journal:
         for group in gone:
             del self.axes[group]
 
+    def set_arrays(self, arrays: Mapping[str, Iterable[str]]) -> None:
+        """Say which arrays will be made in each group, before any is: what is named here was not put there by somebody else."""
+        fresh = {group: set(names) | self.arrays.get(group, set()) for group, names in arrays.items()}
+        fresh = {group: names for group, names in fresh.items() if names != self.arrays.get(group)}
+        self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
+        self.arrays.update(fresh)
+
+    def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
+        """Say how many cells of each stage a run is asked for, and how many of them it has to compute."""
+        if todo or self.run is None or self.run.planned != planned:
+            self._append([{"event": "run", "planned": dict(planned), "todo": dict(todo)}])
+            self.run = Going(dict(planned), dict(todo))
+
     def close(self) -> None:
-        os.close(self.handle)
+        if self.handle is not None:
+            os.close(self.handle)
+            self.handle = None
+
+
+NAME = "journal.jsonl"
+
+
+def summed(line: bytes) -> bytes:
+    """A line with its checksum at the end."""
+    return line[:-1] + b',"sum":"%08x"}' % zlib.crc32(line)
 
 
 def _written(value: Any) -> Any:
@@ -106,49 +169,100 @@ def _value(written: Any) -> Any:
 
 def read_journal(path: Path) -> dict[str, Entry]:
     """The last line of every cell. A torn or foreign line counts as absent."""
-    return _read(path)[0]
+    return read(path).entries
 
 
-def read_axes(path: Path) -> dict[str, dict[str, list[Any]]]:
-    """The axis values of every group, in stored order."""
-    return _read(path)[1]
-
-
-def _read(path: Path) -> tuple[dict[str, Entry], dict[str, dict[str, list[Any]]]]:
-    """The last line of every cell, and the axis values of every group."""
-    entries: dict[str, Entry] = {}
-    axes: dict[str, dict[str, list[Any]]] = {}
-    if not path.exists():
-        return entries, axes
-    decoder = msgspec.json.Decoder()
-    for line in path.read_bytes().split(b"\n"):
+def read(path: Path) -> Read:
+    """The last word on every cell, group and run."""
+    found = Read()
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return found
+    *lines, _ = data.split(b"\n")  # behind the last line end stands nothing, or a torn line
+    for line in lines:
         try:
-            value = decoder.decode(line)
-            if value["event"] == "axes":
-                if value["axes"] is None:
-                    axes.pop(value["group"], None)
-                else:
-                    axes[value["group"]] = {dim: [_value(v) for v in values] for dim, values in value["axes"].items()}
-                continue
-            files = tuple(Written(*f) for f in value.get("files", ()))
-            entries[value["cell"]] = Entry(
-                value["event"], value["key"], files, value.get("status", "done"), value.get("seconds", 0.0),
-                value.get("clipped", 0.0), value.get("clipped_flux", 0.0), value.get("floored", 0.0),
-            )  # fmt: skip
-        except (msgspec.DecodeError, KeyError, TypeError, AttributeError):
-            continue
-    return entries, axes
+            _take(found, _checked(line))
+        except UNFIT:
+            found.damaged += 1
+    return found
 
 
-def _cut_torn_line(path: Path) -> None:
-    """Drop what stands behind the last line end, so that the next line starts on its own."""
-    if not path.exists():
-        return
-    data = path.read_bytes()
-    whole = data.rfind(b"\n") + 1
-    if whole != len(data):
-        with path.open("r+b") as handle:
-            handle.truncate(whole)
+def _says_something(line: bytes) -> bool:
+    try:
+        _take(Read(), _checked(line))
+    except UNFIT:
+        return False
+    return True
+
+
+def _checked(line: bytes) -> dict[str, Any]:
+    """A line as a document.
+
+    Raises
+    ------
+    ValueError, msgspec.DecodeError
+        It is no document, or not the one its checksum was made of.
+    """
+    value = msgspec.json.decode(line)
+    if not isinstance(value, dict):
+        raise ValueError("no document")
+    checksum = value.pop("sum", None)
+    if checksum is not None:
+        fresh = (line[:-SUM] + b"}", msgspec.json.encode(value))  # as it was written; or as somebody wrote it again, with blanks
+        if all(checksum != f"{zlib.crc32(one):08x}" for one in fresh):
+            raise ValueError("the line does not fit its checksum")
+    return value
+
+
+_OF_A_CELL = frozenset({"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "files"})
+_FIELDS = {
+    "axes": frozenset({"event", "group", "axes"}),
+    "arrays": frozenset({"event", "group", "names"}),
+    "run": frozenset({"event", "planned", "todo"}),
+    **dict.fromkeys(EVENTS, _OF_A_CELL),
+}
+
+
+def _take(found: Read, value: Mapping[str, Any]) -> None:
+    """One line; ``ValueError`` or ``TypeError`` where it has not the form of its event."""
+    event = value["event"]
+    if not set(value) <= _FIELDS[event]:
+        raise ValueError("unknown words")
+    if event == "axes":
+        group, axes = _of(str, value["group"]), value["axes"]
+        if axes is None:
+            found.axes.pop(group, None)
+        else:
+            found.axes[group] = {_of(str, dim): _axis(_of(list, values)) for dim, values in axes.items()}
+    elif event == "arrays":
+        found.arrays.setdefault(_of(str, value["group"]), set()).update(_of(str, name) for name in _of(list, value["names"]))
+    elif event == "run":
+        planned, todo = ({_of(str, k): _of(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
+        found.run = Going(planned, todo)
+    else:
+        files = tuple(Written(_of(str, path), _of(int, size), _of(str, digest)) for path, size, digest in value.get("files", ()))
+        status = value.get("status", "done")
+        if status not in STATUS:
+            raise ValueError(f"unknown status {status!r}")
+        numbers = [float(_of((int, float), value.get(name, 0.0))) for name in ("seconds", "clipped", "clipped_flux", "floored")]
+        cell = _of(str, value["cell"])
+        found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, *numbers)
+        if found.run is not None and event in ("done", "failed"):
+            found.run.ended.add(cell)
+
+
+def _of(kind: Any, value: Any) -> Any:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise TypeError(f"expected {kind}, got {type(value)}")
+    return value
+
+
+def _axis(written: list[Any]) -> list[Any]:
+    values = [_value(one) for one in written]
+    if len({isinstance(one, str) for one in values}) > 1 or not all(isinstance(one, str | int | float) for one in values):
+        raise ValueError("an axis of no values")
+    return values
 
 
 def is_done(entry: Entry | None, key: str) -> bool:

@@ -11,18 +11,18 @@ import json
 import math
 import os
 import platform
-import shutil
 import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from etendue.archive import disk
+from etendue.archive.inputs import Resolved, as_recorded
+from etendue.archive.manifest import Manifest, digest_of
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Plan
-from etendue.spec.stage import file_state, parameters_of
 
-LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
@@ -73,29 +73,57 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def latest_record(folder: Path) -> dict[str, Any] | None:
-    """The record of the newest run of an archive."""
-    records = sorted((folder / "runs").glob("*.json")) if (folder / "runs").is_dir() else []
-    for path in reversed(records):
-        try:
-            return json.loads(path.read_text())
-        except ValueError:
-            continue
+def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, Any] | None:
+    """The record of the newest run of an archive that can be read, and is as it was written."""
+    for path in reversed(record_paths(folder)):
+        record = disk.read_document(path)
+        known = manifest.files.get(f"runs/{path.name}") if manifest else None
+        if record is not None and _is_record(record) and known in (None, digest_of(path)):
+            return record
     return None
 
 
-def write_record(folder: Path, plan: Plan, options: Mapping[str, Any]) -> Path:
-    """Record a run before it starts: ``runs/<number>.json``."""
-    runs = folder / "runs"
-    runs.mkdir(exist_ok=True)
-    number = max((int(p.stem) for p in runs.glob("*.json") if p.stem.isdigit()), default=0) + 1
+def records(folder: Path) -> list[dict[str, Any]]:
+    """The records of all runs that can be read, the newest first."""
+    found = [disk.read_document(path) for path in reversed(record_paths(folder))]
+    return [record for record in found if record is not None and _is_record(record)]
+
+
+def record_paths(folder: Path) -> list[Path]:
+    """The records of all runs, the newest last."""
+    return sorted(p for p in (folder / "runs").glob("*.json") if p.stem.isdigit()) if (folder / "runs").is_dir() else []
+
+
+_WORDS = {"pipeline": str, "began": str, "camera": dict, "axes": dict, "nodes": dict, "platform": dict, "libraries": dict}
+
+
+def _is_record(record: Mapping[str, Any]) -> bool:
+    """Whether a document has the form of a record."""
+    if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
+        return False
+    nodes = record["nodes"].values()
+    whole = all(isinstance(node, dict) and all(isinstance(node.get(name), dict) for name in ("parameters", "shown")) for node in nodes)
+    return whole and all(isinstance(values, list) for values in record["axes"].values())
+
+
+def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False) -> None:
+    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``.
+
+    ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
+    """
+    number = max((int(p.stem) for p in (folder / "runs").glob("*.*") if p.stem.isdigit()), default=0) + 1
+    text = asked.pipeline.text
+    for written, copy in resolved.written.items():
+        text = text.replace(written, copy) if os.path.isabs(written) else text
     record = {
         "pipeline": plan.pipeline.name,
-        "text": plan.pipeline.text,
-        "overrides": {key: str(_plain(value)) for key, value in plan.pipeline.overrides},
+        "resolved": resolved.text,
+        "text": text,
+        "overrides": {key: as_recorded(value, resolved.written) for key, value in asked.pipeline.overrides},
         "sensor": plan.pipeline.sensor,
         "camera": {k: _plain(v) for k, v in plan.camera.items()},
         "axes": {a.key: _plain(a.values) for a in plan.axes},
+        "stages": {node.name: list(node.axes) for node in plan.nodes},
         "nodes": node_records(plan),
         "options": dict(options),
         "platform": platform_record(),
@@ -103,32 +131,8 @@ def write_record(folder: Path, plan: Plan, options: Mapping[str, Any]) -> Path:
         "distributions": {d.name: d.version for d in importlib.metadata.distributions() if d.name},
         "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
-    path = runs / f"{number:04d}.json"
-    temporary = path.with_suffix(".partial")
-    temporary.write_text(json.dumps(record, indent=1, sort_keys=True))
-    os.replace(temporary, path)
-    return path
-
-
-def copy_inputs(folder: Path, plan: Plan) -> None:
-    """Every file parameter into ``inputs/``, named by its SHA-256; of folders and very large files, what they are."""
-    inputs = folder / "inputs"
-    for cell in {id(c.stage): c for c in plan.cells.values()}.values():
-        for name, (parameter, _, _) in parameters_of(type(cell.stage)).items():
-            value = getattr(cell.stage, name)
-            if isinstance(value, str) and value and (parameter.file or (parameter.table and value.endswith(".csv"))):
-                inputs.mkdir(exist_ok=True)
-                copy = inputs / f"{file_digest(value)}{Path(value).suffix}"
-                if copy.exists():
-                    continue
-                temporary = copy.with_suffix(".partial")
-                if Path(value).is_dir() or Path(value).stat().st_size > LARGEST_COPY:
-                    copy = copy.with_name(f"{copy.name}.json")
-                    known = {"name": Path(value).name, "sha256": file_digest(value), "bytes": file_state(value)[1], "copied": False}
-                    temporary.write_text(json.dumps(known))
-                else:
-                    shutil.copyfile(value, temporary)
-                os.replace(temporary, copy)
+    disk.write(folder, f"runs/{number:04d}.toml", resolved.text.encode(), durable)
+    disk.write(folder, f"runs/{number:04d}.json", json.dumps(record, indent=1, sort_keys=True).encode(), durable)
 
 
 def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
@@ -143,8 +147,8 @@ def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
             found[node.name] = "the stage is new"
             continue
         for field in ("stage", "precision", "seed", "code", "versions"):
-            if before[field] != after[field]:
-                shown = ("", "") if field == "code" else (f": {before[field]}", f" -> {after[field]}")
+            if before.get(field) != after[field]:
+                shown = ("", "") if field == "code" else (f": {before.get(field)}", f" -> {after[field]}")
                 found[node.name] = "its code has changed" if field == "code" else field + shown[0] + shown[1]
                 break
         else:
@@ -159,16 +163,7 @@ def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
     return found
 
 
-def write_manifest(folder: Path) -> None:
-    """SHA-256 of every metadata file of the store."""
-    root = folder / "data.zarr"
-    files = {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(root.rglob("zarr.json"))}
-    temporary = folder / "manifest.partial"
-    temporary.write_text(json.dumps({"metadata": files}, indent=1))
-    os.replace(temporary, folder / "manifest.json")
-
-
-def write_crate(folder: Path, plan: Plan) -> None:
+def write_crate(folder: Path, plan: Plan, durable: bool = False) -> None:
     """A minimal RO-Crate description, so that the directory can be published as it is."""
     parts = [{"@id": "data.zarr/"}, {"@id": "journal.jsonl"}, {"@id": "manifest.json"}]
     crate = {
@@ -195,4 +190,4 @@ def write_crate(folder: Path, plan: Plan) -> None:
             {"@id": "#etendue", "@type": "SoftwareApplication", "name": "etendue", "version": version_of("etendue")},
         ],
     }
-    (folder / "ro-crate-metadata.json").write_text(json.dumps(crate, indent=1))
+    disk.write(folder, "ro-crate-metadata.json", json.dumps(crate, indent=1).encode(), durable)

@@ -7,94 +7,148 @@ paper/
   manifest.json       digests of all metadata, written at close
   runs/               a record of every run: pipeline, versions, platform
   lock  run.id        who owns it
+
+Chunks of cells are trusted where the journal names them and they are what it names; everything else in the store is known
+from the plan (``tree``), compared with what is there, and written again where it differs. Nothing is removed but by its name.
 """
 
 from __future__ import annotations
 
 import fcntl
-import itertools
+import hashlib
 import json
 import os
+import re
 import shutil
 import uuid
-import warnings
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
-from zarr.codecs import BloscCodec, Crc32cCodec
 
-from etendue.archive.chunks import CODEC, LEVEL, CellFiles, ChunkFile
+from etendue.archive import disk
+from etendue.archive.chunks import CellFiles, ChunkFile
 from etendue.archive.journal import Entry, Journal, fit, is_done
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
+from etendue.archive.manifest import DATA, digest_of, read_manifest, write_manifest
+from etendue.archive.provenance import latest_record, record_paths
+from etendue.archive.tree import ROOT, Tree, incompatible
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.cost import LARGEST_WHOLE
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.spec.names import TABLES
 from etendue.spec.ports import CellReport
 
-DATA = "data.zarr"
 ABANDONED = "abandoned"  # in place of the owner's id: a stage did not end when the run was interrupted
-FILL: dict[str, Any] = {"float32": float("nan"), "float64": float("nan"), "uint8": 0, "uint16": 0, "uint32": 0}
-TABLES = ("ledger", "summary", "frames")
-
-
-def _codecs() -> list[Any]:
-    return [BloscCodec(cname=CODEC, clevel=LEVEL, shuffle="bitshuffle"), Crc32cCodec()]  # type: ignore[arg-type]
-
-
-def put_array(group: Any, name: str, values: Any, dims: tuple[str, ...], attrs: Mapping[str, Any]) -> None:
-    """Write one whole small array (a coordinate, a status, a column of a table)."""
-    values = np.asarray(values)
-    text = values.dtype.kind in "UO"
-    own: dict[str, Any] = {"dtype": str} if text else {
-        "dtype": values.dtype, "fill_value": float("nan") if values.dtype.kind == "f" else 0, "compressors": _codecs(),
-        "config": {"write_empty_chunks": True},
-    }  # fmt: skip
-    array = group.create_array(
-        name, shape=values.shape, chunks=tuple(max(s, 1) for s in values.shape), dimension_names=dims, attributes=dict(attrs),
-        overwrite=True, **own,
-    )  # fmt: skip
-    if values.size:
-        array[...] = values.astype(object) if text else values
+FRAMES = "frames"
+CHUNK = re.compile(r"c(\.\d+)*")
 
 
 class Archive:
     """An archive opened for a run. Use as a context manager: the lock is held until it is closed.
 
-    Nothing in the store changes before ``begin``: a refused run leaves an archive as it was.
+    ``use`` gives it a plan. Nothing in the store changes before ``begin``: a refused run leaves an archive as it was.
     """
 
-    def __init__(self, folder: Path, plan: Plan, durable: bool = False) -> None:
-        self.folder, self.plan, self.durable = folder.absolute(), plan, durable
-        self.layout: Layout = layout_of(plan)
-        self.names: dict[CellRef, str] = {ref: cell_name(plan, ref) for ref in plan.cells}
-        self.axes: dict[str, dict[str, list[Any]]] = {}  # axis values by group as stored: those of earlier runs first
-        self.places: dict[str, list[list[int]]] = {}  # by group and axis: where the plan's values are among the stored ones
+    def __init__(self, folder: Path, durable: bool = False) -> None:
+        self.durable = durable
+        try:
+            self.folder = folder.resolve()  # the archive itself may be named by a link; inside there is none
+        except (OSError, RuntimeError) as error:
+            raise ArchiveError(f"{folder} leads nowhere: {error}") from None
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
+        self.mended: list[str] = []  # what was missing or changed and has been written again
         self.run_id = uuid.uuid4().hex
+        self.tree = Tree()
 
     # -- opening --------------------------------------------------------------------------------------
 
     def __enter__(self) -> Archive:
-        self._check_ours()
+        if self.folder.exists():
+            self._check_ours()
+            disk.Listing(self.folder)  # refuses links
         try:
             (self.folder / DATA).mkdir(parents=True, exist_ok=True)
-            self.lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+            self.lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise MachineError(f"the archive {self.folder} cannot be written: {error.strerror}") from None
         try:
-            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(self.lock)
-            raise ArchiveInUse(f"{self.folder} is in use by another run") from None
-        try:
-            self._check_same_stages()
-            self.journal = Journal(self.folder / "journal.jsonl", self.durable)
+            try:
+                fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ArchiveInUse(f"{self.folder} is in use by another run") from None
+            self.listing = disk.Listing(self.folder)
+            self.manifest = read_manifest(self.folder)
+            self.record = latest_record(self.folder, self.manifest)
+            newest = record_paths(self.folder)[-1:]
+            self.recorded = self.record is not None and [disk.read_document(path) for path in newest] == [self.record]
+            self.journal = Journal(self.folder, self.durable)
         except BaseException:
             os.close(self.lock)
             raise
+        if self.manifest is None and (self.folder / "manifest.json").exists():
+            self.mended.append("manifest.json")
+        if self.journal.damaged:
+            self.mended.append(f"journal.jsonl ({self.journal.damaged} of its lines: what they named is computed again)")
+        made = self.journal.arrays.items()
+        self.ours = (self.manifest.nodes() if self.manifest else set()) | {f"{group}/{name}" for group, names in made for name in names}
+        self.ours |= {"/".join(path.split("/")[:n]) for path in self.ours for n in range(1, path.count("/") + 1)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.journal.close()
+        os.close(self.lock)
+
+    def _check_ours(self) -> None:
+        """Refuse a directory that holds something else."""
+        names = set(os.listdir(self.folder)) if self.folder.is_dir() else {""}
+        begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(p.is_dir() for p in (self.folder / DATA).glob("*"))
+        if begun or "etendue" in self._root_attributes():
+            return
+        known = DATA in names and (latest_record(self.folder) or _is_journal(self.folder / "journal.jsonl"))
+        if not known:
+            raise ArchiveError(f"{self.folder} exists and is not an archive; name another with --archive DIR")
+
+    def _root_attributes(self) -> dict[str, Any]:
+        found = (disk.read_document(self.folder / DATA / ROOT) or {}).get("attributes")
+        return found if isinstance(found, dict) else {}
+
+    def _known_axes(self) -> dict[str, Any] | None:
+        """The stages and the names of their axes, as the archive was created: from what is undamaged."""
+        root: Any = self._root_attributes().get("etendue")
+        axes = root.get("axes") if isinstance(root, dict) else None
+        whole = isinstance(axes, dict) and all(isinstance(names, list) for names in axes.values())
+        path = f"{DATA}/{ROOT}"
+        if whole and self.manifest and self.manifest.metadata.get(path) == digest_of(self.folder / path):
+            return axes
+        recorded = (self.record or {}).get("stages")
+        return recorded if isinstance(recorded, dict) else axes if whole else None
+
+    def check_stages(self, plan: Plan) -> None:
+        """Refuse a plan of other stages or axes than those the archive was made with."""
+        new = {node.name: list(node.axes) for node in plan.nodes}
+        old = self._known_axes()
+        if old is not None and old != new:
+            what = sorted(set(old) ^ set(new)) or [f"the axes of {n}" for n in new if old.get(n) != new[n]]
+            raise ArchiveError(
+                f"{self.folder} was made with other stages or axes ({', '.join(map(str, what[:4]))}); both are fixed when an archive "
+                f"is created. Use another archive: --archive {self.folder.name}-2"
+            )
+
+    def use(self, plan: Plan) -> None:
+        """Lay the plan out over what the archive has.
+
+        Raises
+        ------
+        ArchiveError
+            Somebody else's things stand in the place of the plan's.
+        """
+        self.plan = plan
+        self.layout: Layout = layout_of(plan)
+        self.names: dict[CellRef, str] = {ref: cell_name(plan, ref) for ref in plan.cells}
+        self.axes: dict[str, dict[str, list[Any]]] = {}  # axis values by group as stored: those of earlier runs first
+        self.places: dict[str, list[list[int]]] = {}  # by group and axis: where the plan's values are among the stored ones
         for path, group in self.layout.groups.items():
             stored = self.journal.axes.get(path, {})
             own = {dim: list(stored.get(dim, ())) for dim in group.axes}
@@ -103,40 +157,47 @@ class Archive:
                 own[dim] += [v for v in values if v not in known]
             self.axes[path] = own
             self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
-        return self
+        self.nodes = _nodes(self.layout)
+        self._refuse_strangers({node.name for node in plan.nodes})
+        for node in self.nodes:
+            if self.listing.has(f"{DATA}/{node}"):
+                raise disk.in_place_of_folder(self.folder, f"{DATA}/{node}")
+        for path, group in self.layout.groups.items():
+            for name in group.variables:
+                folder = f"{DATA}/{path}/{name}"
+                for found in filter(CHUNK.fullmatch, self.listing.folders.get(folder, ())):
+                    raise disk.in_place_of_file(self.folder, f"{folder}/{found}")
 
-    def __exit__(self, *_: object) -> None:
-        self.journal.close()
-        os.close(self.lock)
+    def _refuse_strangers(self, stages: set[str]) -> None:
+        """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the tree."""
+        for folder in sorted(self.listing.folders.get(DATA, ())):
+            found = [folder] if folder not in stages and folder not in TABLES else []
+            if found and folder not in self.ours:
+                document = disk.read_document(self.folder / DATA / folder / ROOT)
+                if document is None or document.get("node_type") == "group":
+                    continue
+            else:
+                inside = self._nodes_on_disk(folder) if self.ours and folder not in TABLES else []
+                found = [node for node in inside if node not in self.ours]
+            if found:
+                raise ArchiveError(
+                    f"{self.folder / DATA / found[0]} was not written by a run of this archive, and stands where its own results do; "
+                    f"move it elsewhere (a group of your own may stand in {DATA} itself)"
+                )
 
-    def _check_ours(self) -> None:
-        """Refuse a directory that holds something else: an archive's own store is cleared of what a plan no longer has."""
-        if not self.folder.exists():
-            return
-        names = {p.name for p in self.folder.iterdir()} if self.folder.is_dir() else {""}
-        known = "etendue" in self._root_attributes()
-        begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(p.is_dir() for p in (self.folder / DATA).glob("*"))
-        if not known and not begun:
-            raise ArchiveError(f"{self.folder} exists and is not an archive; name another with --archive DIR")
-
-    def _root_attributes(self) -> dict[str, Any]:
-        try:
-            return json.loads((self.folder / DATA / "zarr.json").read_text()).get("attributes", {})
-        except (OSError, ValueError):
-            return {}
-
-    def _check_same_stages(self) -> None:
-        axes = {node.name: list(node.axes) for node in self.plan.nodes}
-        known = self._root_attributes().get("etendue")
-        if known and known["axes"] != axes:
-            old, new = known["axes"], axes
-            what = sorted(set(old) ^ set(new)) or [f"the axes of {n}" for n in new if old.get(n) != new[n]]
-            raise ArchiveError(
-                f"{self.folder} was made with other stages or axes ({', '.join(map(str, what[:4]))}); both are fixed when an archive "
-                f"is created. Use another archive: --archive {self.folder.name}-2"
-            )
+    def _nodes_on_disk(self, path: str) -> list[str]:
+        """Groups and arrays at and below a folder of the store."""
+        own = [path] if self.listing.has(f"{DATA}/{path}/{ROOT}") else []
+        for name in sorted(self.listing.folders.get(f"{DATA}/{path}", ())):
+            own += self._nodes_on_disk(f"{path}/{name}")
+        return own
 
     # -- what is finished -----------------------------------------------------------------------------
+
+    def stored(self) -> set[tuple[str, str]]:
+        """The (stage, variable) pairs of which the archive has an array."""
+        there = [node for node in self.ours if node.rpartition("/")[2] in self.listing.folders.get(f"{DATA}/{node}".rpartition("/")[0], ())]
+        return {(node.split("/")[0], node.rpartition("/")[2]) for node in there if "/" in node}
 
     def finished(self, ref: CellRef) -> bool:
         """Whether a cell needs no computing: the journal says done with its key, and its files are as the journal says."""
@@ -144,9 +205,11 @@ class Archive:
         entry = self.journal.entries.get(self.names[ref])
         if entry is None or not is_done(entry, cell.key):
             return False
-        if fit(entry, (chunk.path for chunk in self.chunk_paths(cell)), self.folder):
+        paths = [chunk.path for chunk in self.chunk_paths(cell)]
+        if fit(entry, paths, self.folder):
             return True
-        self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
+        if {file.path for file in entry.files} & set(paths):  # else it was computed, and not kept
+            self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
         return False
 
     def has_files(self, ref: CellRef) -> bool:
@@ -155,84 +218,132 @@ class Archive:
 
     # -- beginning ------------------------------------------------------------------------------------
 
-    def begin(self, todo: Collection[CellRef], outdated: Collection[CellRef] = ()) -> None:
+    def begin(self, todo: Collection[CellRef], finished: Collection[CellRef], outdated: Collection[CellRef] = ()) -> None:
         """Make the store ready for a run that computes ``todo``: own it, create and grow arrays, drop what is not planned.
 
         ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
         """
-        run_id = self.folder / "run.id"
-        ended_well = not run_id.exists() or run_id.read_text() != ABANDONED
-        run_id.write_text(self.run_id)
-        if not self._drop_consolidated() or not ended_well:
-            self.sweep()
-        self._drop_unplanned()
+        self.journal.open()
+        disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
+        names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
+        earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.axes}
+        self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
+        planned = set(self.names.values())
+        left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
+        left += [name for name, entry in self.journal.entries.items() if name not in planned and entry.event == "done"]
+        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
+        self._make_tree(todo)
+        self._say_what_was_damaged()
+        disk.remove(self.folder, "manifest.json")
+        self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
+        self._sweep()
+        self._drop_unplanned(set(finished))
+        self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
         self.journal.set_axes(self.axes)
-        self.root = zarr.open_group(str(self.folder / DATA), mode="a", zarr_format=3)
+        for ref in outdated:
+            for chunk in self.chunk_paths(self.plan.cells[ref]):
+                disk.remove(self.folder, chunk.path)
+        self._put(self.tree.files())
+
+    def _make_tree(self, todo: Collection[CellRef]) -> None:
+        """Everything in the store that the plan knows, tables aside."""
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         attrs: dict[str, Any] = {"etendue": {"format": 1, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
         if self.plan.pipeline.variant:
             attrs["variant"] = self.plan.pipeline.variant
-        self.root.update_attributes(attrs)
+        self.tree.put_group("", attrs)
         for path, node_attrs in self.layout.parents.items():
-            self.root.require_group(path).update_attributes(node_attrs)
+            self.tree.put_group(path, node_attrs)
         for path, group in self.layout.groups.items():
-            self._create_group(path, group)
-        for ref in outdated:
-            for chunk in self.chunk_paths(self.plan.cells[ref]):
-                (self.folder / chunk.path).unlink(missing_ok=True)
-        known = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in known)
+            self.tree.put_group(path, group.attrs)
+            self._lay_out(path, group)
         self._put_status(set(todo))
 
-    def _drop_consolidated(self) -> bool:
-        """Consolidated metadata would go on serving the old shapes. Whether there was any: the last run ended well."""
-        path = self.folder / DATA / "zarr.json"
-        if not path.exists():
-            return False
-        document = json.loads(path.read_text())
-        if document.pop("consolidated_metadata", None) is None:
-            return False
-        temporary = path.with_suffix(".partial")
-        temporary.write_text(json.dumps(document, indent=2))
-        os.replace(temporary, path)
-        return True
+    def _say_what_was_damaged(self) -> None:
+        """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
+        known = self.manifest.metadata if self.manifest else {}
+        found: dict[str, None] = {}
+        for path in known or [f"{DATA}/{path}" for path in self.tree.held]:
+            own = path.removeprefix(f"{DATA}/")
+            if own in self.tree.held or own.split("/")[0] in TABLES:
+                data = _bytes(self.folder / path)
+                if (known and hashlib.sha256(data or b"").hexdigest() != known[path]) or (
+                    data is not None and own.endswith(ROOT) and disk.read_document(self.folder / path) is None
+                ):
+                    found[re.sub(r"(/zarr\.json|/c(/\d+)*)$", "", path)] = None
+        self.mended += found
+        if self.manifest:
+            self.mended += [path for path in self.manifest.changed(self.folder) if path in self.manifest.files]
 
     def sweep(self, abandoned: bool = False) -> None:
-        """Remove what a killed run or worker left half written; of an abandoned run, whatever is still under way is refused."""
+        """Remove what a run or worker has left half written; of an abandoned run, whatever is still under way is refused."""
         if abandoned:
-            (self.folder / "run.id").write_text(ABANDONED)
-        for path in self.folder.rglob("*.partial"):
-            path.unlink(missing_ok=True)
+            disk.write(self.folder, "run.id", ABANDONED.encode(), self.durable)
+        self.listing = disk.Listing(self.folder)
+        self._sweep()
 
-    def _drop_unplanned(self) -> None:
+    def _sweep(self) -> None:
+        """Remove what a killed run left half written."""
+        for folder, names in self.listing.files.items():
+            for name in names:
+                if name.startswith(".") and name.endswith(disk.PARTIAL):
+                    disk.remove(self.folder, f"{folder}/{name}")
+        for name in os.listdir(self.folder):
+            if re.fullmatch(r"\..*\.\d+\.\d+\.partial", name):
+                disk.remove(self.folder, name)
+
+    def _drop_unplanned(self, finished: set[CellRef]) -> None:
         """Groups, variables and cells that the plan no longer has: they must not read as results of it."""
-        root = self.folder / DATA
-        for node in _folders(root):
-            if node in self.layout.parents:
-                for shape in _folders(root / node):
-                    if f"{node}/{shape}" not in self.layout.groups:
-                        shutil.rmtree(root / node / shape)
-            elif node not in self.layout.groups and node not in TABLES:
-                shutil.rmtree(root / node)
-        self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
+        for node in sorted(self.ours - self.nodes, key=lambda node: -node.count("/")):
+            if node.split("/")[0] not in TABLES:
+                self._remove_node(node)
+        files = self.tree.files()
         for path, group in self.layout.groups.items():
-            for name in _folders(root / path):
-                if name not in group.variables and name not in group.coordinates and name != "status":
-                    shutil.rmtree(root / path / name)
-            planned = set(itertools.product(*self.places[path]))
-            if len(group.cells) < len(planned):
-                planned = {self._place(path, index) for index in group.cells.values()}
-            for place in itertools.product(*(range(len(values)) for values in self.axes[path].values())):
-                if place not in planned:
-                    for chunk in _chunks(path, group, place):
-                        (self.folder / chunk.path).unlink(missing_ok=True)
+            fresh = set()  # variables whose stored chunks are of another form, those of finished cells aside
+            for name in group.variables:
+                old = disk.read_document(self.folder / DATA / path / name / ROOT)
+                if incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"])):
+                    fresh.add(name)
+            allowed: dict[str, set[str]] = {f"{DATA}/{path}/{name}": set() for name in group.variables}
+            for ref, index in group.cells.items():
+                for chunk in _chunks(path, group, self._place(path, index)):
+                    if chunk.variable not in fresh or ref in finished:
+                        folder, _, file = chunk.path.rpartition("/")
+                        allowed[folder].add(file)
+            for folder, own in allowed.items():
+                for file in self.listing.files.get(folder, ()):
+                    if CHUNK.fullmatch(file) and file not in own:
+                        disk.remove(self.folder, f"{folder}/{file}")
+
+    def _remove_node(self, node: str) -> None:
+        """Remove a group or array: metadata and chunks, by name; what somebody else put beside them stays."""
+        folder = f"{DATA}/{node}"
+        for name in self.listing.files.get(folder, ()):
+            if name == ROOT or CHUNK.fullmatch(name):
+                disk.remove(self.folder, f"{folder}/{name}")
+        if "c" in self.listing.folders.get(folder, ()):
+            self._remove_digits(f"{folder}/c")
+        if folder in self.listing.files:
+            disk.remove_folder(self.folder, folder)
+
+    def _remove_digits(self, folder: str) -> None:
+        for name in self.listing.files.get(folder, ()):
+            if name.isdigit():
+                disk.remove(self.folder, f"{folder}/{name}")
+        for name in self.listing.folders.get(folder, ()):
+            if name.isdigit():
+                self._remove_digits(f"{folder}/{name}")
+        disk.remove_folder(self.folder, folder)
+
+    def _put(self, files: Mapping[str, bytes]) -> None:
+        """Files of the store in their places, where others are there; what describes the rest of a group or array comes last."""
+        for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
+            if _bytes(self.folder / DATA / path) != files[path]:
+                disk.write(self.folder, f"{DATA}/{path}", files[path], self.durable)
 
     # -- arrays ---------------------------------------------------------------------------------------
 
-    def _create_group(self, path: str, layout: GroupLayout) -> None:
-        group = self.root.require_group(path)
-        if layout.attrs:
-            group.update_attributes(layout.attrs)
+    def _lay_out(self, path: str, layout: GroupLayout) -> None:
         merged = self.axes[path]
         for name, coordinate in layout.coordinates.items():
             values, attrs = coordinate.values, dict(coordinate.attrs)
@@ -242,9 +353,10 @@ class Archive:
                     attrs["order"] = "as the sweep grew; sort with .sortby"
             elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
                 values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
-            put_array(group, name, values, coordinate.dims, attrs)
+            if name not in layout.variables:
+                self.tree.put_array(path, name, values, coordinate.dims, attrs)
         for variable in layout.variables.values():
-            self._create_variable(group, layout, variable, merged)
+            self._lay_out_variable(path, layout, variable, merged)
 
     def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
         """Positions along axes that have grown: those of the plan in their place, others missing like their cells."""
@@ -253,28 +365,15 @@ class Archive:
         whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own
         return whole
 
-    def _create_variable(self, group: Any, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]) -> None:
+    def _lay_out_variable(self, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]) -> None:
         sizes = tuple(len(values) for values in merged.values())
         shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
         beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
-        if (self.folder / DATA / group.path / variable.name / "zarr.json").exists():
-            array = group[variable.name]
-            same = array.dtype == np.dtype(variable.dtype) and (array.metadata.dimension_names or ()) == dims
-            if same and array.shape[len(sizes) :] == variable.shape and all(a <= b for a, b in zip(array.shape, shape, strict=True)):
-                if array.shape != shape:
-                    array.resize(shape)
-                if dict(array.attrs) != attrs:
-                    array.attrs.put(attrs)
-                return
         own = tuple(max(n, 1) for n in variable.shape)
         if by_band(variable):
             own = (1, *own[1:])
-        group.create_array(
-            variable.name, shape=shape, chunks=(*(1 for _ in sizes), *own), dtype=variable.dtype, fill_value=FILL[variable.dtype],
-            compressors=_codecs(), dimension_names=dims, config={"write_empty_chunks": True}, overwrite=True, attributes=attrs,
-            chunk_key_encoding={"name": "default", "separator": "."},  # no folder per axis: 0.2 ms each
-        )  # fmt: skip
+        self.tree.put_cells(path, variable.name, shape, (*(1 for _ in sizes), *own), variable.dtype, dims, attrs)
 
     def _place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
         """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
@@ -304,7 +403,7 @@ class Archive:
             event = "done" if report.status in ("done", "left_out") else "failed"
             if event == "failed":
                 for chunk in self.chunk_paths(self.plan.cells[ref]):
-                    (self.folder / chunk.path).unlink(missing_ok=True)
+                    disk.remove(self.folder, chunk.path)
             told = (report.written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
             lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
         self.journal.end(lines)
@@ -312,43 +411,116 @@ class Archive:
     # -- closing --------------------------------------------------------------------------------------
 
     def _put_status(self, todo: Collection[CellRef] = ()) -> None:
-        """Write ``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
+        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
         for path, layout in self.layout.groups.items():
             status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
             for ref, index in layout.cells.items():
                 entry = self.journal.entries.get(self.names[ref])
                 if ref not in todo and entry is not None and entry.key == self.plan.cells[ref].key and entry.event != "start":
                     status[self._place(path, index)] = STATUS.index(entry.status)
-            put_array(self.root[path], "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
+            self.tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
+
+    def _frames(self) -> dict[str, bytes]:
+        """The files of the pictures of an earlier run; none where they are not whole."""
+        folder = f"{DATA}/{FRAMES}"
+        files = {path.removeprefix(f"{DATA}/"): _bytes(self.folder / path) or b"" for path in self.listing.below(folder)}
+        attrs = _attributes(files)
+        own = Tree()
+        own.put_group(FRAMES, attrs)
+        whole = own.held.items() <= files.items() and attrs.get("digest") == _digest(files)
+        return files if whole else {}
+
+    def shown(self) -> Any:
+        """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
+        return _attributes(self._frames()).get("shown")
+
+    def sheet_is_whole(self) -> bool:
+        """Whether the contact sheet of an earlier run is there as it was written."""
+        known = self.manifest.files.get("contact_sheet.png") if self.manifest else None
+        data = _bytes(self.folder / "contact_sheet.png") or b""
+        if known is not None:
+            return hashlib.sha256(data).hexdigest() == known
+        return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Write status and tables, then consolidate: readers see a finished run or the one before."""
         self._put_status()
-        for name, columns in tables.items():
-            group = self.root.create_group(name, overwrite=True)
-            for column, (dims, values, attrs) in columns["arrays"].items():
-                put_array(group, column, values, dims, attrs)
-            group.update_attributes(dict(columns.get("attrs", {})))  # last: a table with attributes is whole
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message=".*[Cc]onsolidated metadata.*")
-            zarr.consolidate_metadata(self.root.store)
+        self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
+        for name in TABLES:
+            if name not in tables:
+                self.tree.take(self._frames() if name == FRAMES else {})
+                continue
+            for column, (dims, values, attrs) in tables[name]["arrays"].items():
+                self.tree.put_array(name, column, values, dims, attrs)
+            attrs = dict(tables[name].get("attrs", {}))
+            self.tree.put_group(name, attrs)
+            if name == FRAMES:  # which is not made again by every run
+                self.tree.put_group(name, {**attrs, "digest": _digest(self.tree.files(name))})
+            own = self.tree.files(name)
+            stale = [node for node in self._nodes_on_disk(name) if f"{node}/{ROOT}" not in own and node in self.ours]
+            for node in sorted(stale, key=lambda node: -node.count("/")):
+                self._remove_node(node)
+            self._put(own)
+        others: dict[str, bytes] = {}
+        for folder in self.listing.folders.get(DATA, ()):
+            if folder not in self.nodes and folder not in TABLES and folder not in self.ours:
+                others |= {f"{node}/{ROOT}": _bytes(self.folder / DATA / node / ROOT) or b"" for node in self._nodes_on_disk(folder)}
+        self.root = self.tree.consolidated(others)
+        self._put({ROOT: self.root})
 
-    def table_attributes(self, name: str) -> dict[str, Any]:
-        """Attributes of a table of an earlier run; none where there is no whole one."""
-        path = self.folder / DATA / name / "zarr.json"
-        return json.loads(path.read_text()).get("attributes", {}) if path.exists() else {}
+    def write_manifest(self) -> None:
+        """The last act of a run: from now on what differs was changed by somebody else."""
+        own = {f"{DATA}/{path}": data for path, data in {**self.tree.files(), ROOT: self.root}.items()}
+        write_manifest(self.folder, own, self.durable)
 
     def free_bytes(self) -> int:
         return shutil.disk_usage(self.folder).free
 
 
+def _is_journal(path: Path) -> bool:
+    """Whether a file begins like a journal of ours."""
+    return re.match(rb'\{"event":"(axes|arrays|start|done|run)"', _bytes(path) or b"") is not None
+
+
+def _bytes(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except IsADirectoryError:
+        raise disk.in_place_of_file(path.parent, path.name) from None
+
+
+def _attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
+    """The attributes of the pictures."""
+    try:
+        found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _digest(files: Mapping[str, bytes]) -> str:
+    """Of all the pictures and what is said of them: it stands in their own attributes."""
+    said = {name: value for name, value in _attributes(files).items() if name != "digest"}
+    found = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+    for path in sorted(files):
+        if path != f"{FRAMES}/{ROOT}":
+            found.update(f"{path} {hashlib.sha256(files[path]).hexdigest()}\n".encode())
+    return found.hexdigest()
+
+
+def _nodes(layout: Layout) -> set[str]:
+    """Every group and array of a layout, by path."""
+    found = {*layout.parents, *layout.groups}
+    for path, group in layout.groups.items():
+        found |= {f"{path}/{name}" for name in (*group.variables, *group.coordinates, "status")}
+    return found
+
+
 def _positions(stored: list[Any], values: list[Any]) -> list[int]:
     where = {value: i for i, value in enumerate(stored)}
     return [where[value] for value in values]
-
-
-def _folders(path: Path) -> list[str]:
-    return [entry.name for entry in os.scandir(path) if entry.is_dir()] if path.is_dir() else []
 
 
 def by_band(variable: VariableLayout) -> bool:

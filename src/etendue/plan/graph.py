@@ -19,6 +19,7 @@ from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.quantities import resolve_camera
 from etendue.plan.request import Request
 from etendue.registry import Registry
+from etendue.spec.names import unfit_axis
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import parameters_of
 
@@ -51,6 +52,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
     camera = resolve_camera(request, entries)
     axes, direct = resolve_axes(request, entries, camera, list(swapped.values()))
     nodes = link(request, entries, swapped, axes, direct)
+    _check_axis_names(request, nodes, axes)
     _try_values(request, nodes, axes, camera.values)
     wanted = _wanted_of(request, nodes)
     for text in pipeline.keep or ():
@@ -77,6 +79,20 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
         if variable in keep or stage in keep or f"{stage}.{variable}" in keep:
             chosen.add((stage, variable))
     return frozenset(chosen)
+
+
+def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
+    """Two axes, or an axis and a dim of a variable, of one name: the values of one would stand in the place of the other's."""
+    by_dim: dict[str, Axis] = {}
+    for axis in axes:
+        other = by_dim.setdefault(axis.dim, axis)
+        if other is not axis:
+            both = f"it and sweep.{other.key} are both the dim {axis.dim!r}"
+            request.fault(f"sweep.{axis.key}", f"{both}; give one of the stages another 'name'")
+        dims = {dim for node in nodes if axis.dim in node.axes for written in node.writes.values() for dim in written.dims}
+        why = unfit_axis(axis.dim, dims)
+        if why:
+            request.fault(f"sweep.{axis.key}", f"{why}; give the stage another 'name'")
 
 
 def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: Mapping[str, Any]) -> None:

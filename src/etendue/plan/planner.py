@@ -28,6 +28,7 @@ def make_plan(
     RequestError
         With every fault of the file, or every stage whose grid is impossible.
     """
+    leave_out_allowed = leave_out_allowed and pipeline.leave_out
     try:
         graph = build_graph(pipeline, registry)
         choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)

@@ -6,7 +6,7 @@ Out: the plan over all those values, and the cells to compute.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,19 +16,57 @@ from etendue.plan.model import CellRef, Plan
 from etendue.registry import installed_stages
 
 
-def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan:
-    """The plan over the axis values of an archive's earlier runs as well: what is still right there stays."""
+def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()) -> Plan:
+    """The plan over the axis values of an archive's earlier runs as well: what is still right there stays.
+
+    ``sweeps`` of earlier runs, as they stood in their files, say what a label of a swapped stage means.
+    """
+    extra: dict[str, list[Any]] = {}
+    for axis in plan.axes:
+        earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()) if v not in axis.values)
+        if axis.key.endswith(".use"):
+            found = [_table(axis.key, label, sweeps) for label in earlier]
+            earlier = {}
+            extra[axis.key] = [table for table in found if table is not None]
+        if earlier:
+            extra[axis.key] = list(earlier)
+    extra = {key: values for key, values in extra.items() if values}
+    if not extra:
+        return plan
+    whole = _over(plan, extra, stored)
+    if whole is None:  # a value that is no longer possible: its cells are not of this pipeline any more
+        extra = {key: [v for v in values if _over(plan, {key: [v]}, stored)] for key, values in extra.items()}
+        whole = _over(plan, {key: values for key, values in extra.items() if values}, stored)
+    return whole or plan
+
+
+def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan | None:
+    """The plan with further axis values, in stored order; None where it is impossible."""
     sweep = dict(plan.pipeline.sweep)
     for axis in plan.axes:
-        earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()))
-        if set(earlier) - set(axis.values) and not axis.key.endswith(".use"):
-            sweep[axis.key] = [*earlier, *(v for v in axis.values if v not in earlier)]  # in stored order
-    if sweep == dict(plan.pipeline.sweep):
-        return plan
+        if axis.key not in extra:
+            continue
+        if axis.key.endswith(".use"):
+            sweep[axis.key] = [*sweep[axis.key], *extra[axis.key]]
+        else:
+            known = {v for axes in stored.values() for v in axes.get(axis.dim, ())}
+            order = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()))
+            own = {*axis.values, *extra[axis.key]}
+            sweep[axis.key] = [*(v for v in order if v in own), *(v for v in axis.values if v not in known)]
     try:
         return planner.make_plan(replace(plan.pipeline, sweep=sweep), installed_stages(), plan.leaves_out)
-    except RequestError:  # a value that is no longer possible: its cells are not of this pipeline any more
-        return plan
+    except RequestError:
+        return None
+
+
+def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
+    """What stood for a label of a swapped stage in the newest sweep that had it."""
+    for sweep in sweeps:
+        values = sweep.get(key)
+        for one in values if isinstance(values, list) else ():
+            if label == (one.get("label", one.get("use")) if isinstance(one, dict) else one):
+                return one
+    return None
 
 
 def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = None) -> set[CellRef]:

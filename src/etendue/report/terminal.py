@@ -190,6 +190,10 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "seconds": outcome.seconds,
         "pictures": [str(p) for p in outcome.pictures],
         "reasons": outcome.reasons,
+        "removed": outcome.removed,
+        "pruned": outcome.pruned,
+        "stays": outcome.stay,
+        "mended": outcome.mended,
         "floored": floored(outcome.plan, outcome.reports),
         "overexposed": floored(outcome.plan, outcome.reports, "_saturated"),
         "failures": [
@@ -248,6 +252,14 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"computed again: {name}, because {escape(why)}")
     if outcome.removed:
         console.print(f"removed: {outcome.removed} cells of earlier runs at other axis values, which would come out differently now")
+    if outcome.pruned:
+        console.print(f"removed, as asked: {outcome.pruned} finished cells that this run does not keep")
+    if outcome.stay:
+        console.print(escape(f"stays: {', '.join(outcome.stay)}, which 'keep' no longer names (remove: --prune)"), soft_wrap=True)
+    for text in outcome.mended[:5]:
+        console.print(escape(f"was missing or damaged, and is written again: {text}"), soft_wrap=True)
+    if len(outcome.mended) > 5:
+        console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
     clipped = [r for r in outcome.reports.values() if r.clipped_flux > 0]
     if clipped:
         worst = max(clipped, key=lambda r: r.clipped_flux)
@@ -279,12 +291,18 @@ def print_archive(document: dict[str, Any]) -> None:
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
     state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
     console.print(f"{document['archive']}: pipeline {document['pipeline']}, {human_bytes(document['bytes'])}, {state}")
+    planned, finished = document["planned"], document["finished"]
+    if planned:
+        share = f"{100 * finished // planned} %" if finished < planned else "all"
+        console.print(f"cells {finished} of {planned} that the last run was asked for ({share})")
     for axis, values in document["axes"].items():
         shown = ", ".join(map(str, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
         console.print(f"axis {axis}: {shown}")
     axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
     for stage in document["stages"]:
         cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
+        if document["running"] and stage["planned"]:
+            cells = f"{stage['finished']} of {stage['planned']}"
         groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
         for group in groups:
             own = [v for v in stage["variables"] if v["group"] == group]

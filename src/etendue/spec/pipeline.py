@@ -17,14 +17,14 @@ from typing import Any
 from etendue.errors import Fault, RequestError, nearest, unprintable
 from etendue.spec import camera
 from etendue.spec.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
+from etendue.spec.names import LONGEST, unfit_stage
 from etendue.spec.presets import preset
 from etendue.spec.units import as_written
 
 TOP = (
-    "name", "seed", "tolerance", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description", "requires",
-    "most_cells",
+    "name", "seed", "tolerance", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
+    "requires", "most_cells",
 )  # fmt: skip
-LONGEST_NAME = 100
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class Pipeline:
     keep: tuple[str, ...] | None = None  # None: all that is computed
     seed: int = 0
     tolerance: float = 1e-4
+    leave_out: bool = True  # whether what a scene does not need may be left out
     precision: str = "auto"
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
     most_cells: int = MOST_CELLS  # a sweep of more is refused
@@ -228,7 +229,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     def text_of(key: str, default: str) -> str:
         value = document.get(key, default)
         if not isinstance(value, str) or (key == "name" and not _plain(value)) or (key != "description" and unprintable(value)):
-            what = f"; at most {LONGEST_NAME} characters, no slash, no control characters, no dot in front" if key == "name" else ""
+            what = f"; at most {LONGEST} characters, no slash, no control characters, no dot in front" if key == "name" else ""
             faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}{what}"))
             return default
         return value
@@ -257,6 +258,10 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     if isinstance(most_cells, bool) or not isinstance(most_cells, int) or most_cells < 1:
         faults.append(Fault("most_cells", f"expected a whole number of at least 1, got {as_written(most_cells)}"))
         most_cells = MOST_CELLS
+    leave_out = document.get("leave_out", True)
+    if not isinstance(leave_out, bool):
+        faults.append(Fault("leave_out", f"expected true or false, got {as_written(leave_out)}"))
+        leave_out = True
     precision = text_of("precision", "auto")
     if precision not in ("auto", "float32", "float64"):
         faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}"))
@@ -281,6 +286,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         keep=names_of("keep"),
         seed=seed,
         tolerance=float(tolerance),
+        leave_out=leave_out,
         precision=precision,
         requires=names_of("requires") or (),
         most_cells=most_cells,
@@ -294,7 +300,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
 
 def _plain(name: str) -> bool:
     """Whether a name can be that of a folder, on any system."""
-    return bool(name) and len(name) <= LONGEST_NAME and not name.startswith(".") and not set(name) & set("/\\") and not unprintable(name)
+    return bool(name) and len(name.encode()) <= LONGEST and name[0] not in ".-" and not set(name) & set("/\\") and not unprintable(name)
 
 
 def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
@@ -345,8 +351,9 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
             whole = False
             continue
         name = table.get("name", use)
-        if not isinstance(name, str) or not name.replace("_", "a").replace("-", "a").isalnum() or len(name) > LONGEST_NAME:
-            faults.append(Fault(f"{place}.name", f"expected at most {LONGEST_NAME} letters, digits and _, got {as_written(name)}"))
+        unfit = unfit_stage(name) if isinstance(name, str) else "expected letters, digits and _"
+        if unfit:
+            faults.append(Fault(f"{place}.name", unfit if "table" in unfit else f"{unfit}, got {as_written(name)}"))
             whole = False
             continue
         place = f"{place} {name}"

@@ -33,6 +33,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, ClassVar, TypeVar
 
+from etendue.spec.names import unfit_variable
 from etendue.spec.variables import Declaration, parse_declaration
 
 MISSING = dataclasses.MISSING
@@ -185,7 +186,12 @@ def reads_of(kind: type[Stage]) -> Mapping[str, Declaration]:
 
 @per_kind
 def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
-    return {port: parse_declaration(port, text) for port, text in kind.writes.items()}
+    found = {port: parse_declaration(port, text) for port, text in kind.writes.items()}
+    dims = {dim for declaration in found.values() for dim in declaration.dims}
+    unfit = [f"it may write no {d.variable!r}: {why}" for d in found.values() if (why := unfit_variable(d.variable, dims))]
+    if unfit:
+        raise ValueError("; ".join(unfit))
+    return found
 
 
 @per_kind

@@ -1,0 +1,221 @@
+"""The only door to the disk of an archive: nothing outside its folder is ever written, cut or removed.
+
+In:  the folder of an archive (itself no link), paths below it as text, bytes.
+Out: files that appear whole in their place, or not at all; a listing without links.
+
+Folders are opened one after the other and never through a link, so that a link put there in the middle of a run is refused
+by the system itself. A file is written beside its place and renamed: a second (hard) link to the old one keeps the old bytes.
+Files are removed by name, folders only when they are empty.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from etendue.errors import ArchiveError
+
+PARTIAL = ".partial"
+FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "contact_sheet.png")
+FOLDERS = ("data.zarr", "inputs", "runs")
+_DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a file, in the place of a folder
+
+
+@contextmanager
+def _folder(root: str, parts: tuple[str, ...], make: bool = False) -> Iterator[int]:
+    """The folder below ``root`` as an open handle, made if need be."""
+    handle = os.open(root, _DIRECTORY)
+    try:
+        for number, part in enumerate(parts):
+            try:
+                try:
+                    below = os.open(part, _DIRECTORY, dir_fd=handle)
+                except FileNotFoundError:
+                    if not make:
+                        raise
+                    with suppress(FileExistsError):  # another worker has made it
+                        os.mkdir(part, dir_fd=handle)
+                    below = os.open(part, _DIRECTORY, dir_fd=handle)
+            except OSError as error:
+                if error.errno in _LINKED:
+                    raise in_place_of_folder(Path(root), "/".join(parts[: number + 1])) from None
+                raise
+            os.close(handle)
+            handle = below
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _write_all(handle: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(handle, view) :]
+
+
+def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: bool = False) -> None:
+    """Put a file in its place, whole: written aside and renamed."""
+    *parts, name = path.split("/")
+    temporary = f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    with _folder(str(root), tuple(parts), make=True) as folder:
+        try:
+            handle = os.open(temporary, flags, 0o644, dir_fd=folder)
+        except FileExistsError:  # of a killed run whose process had the same number
+            os.unlink(temporary, dir_fd=folder)
+            handle = os.open(temporary, flags, 0o644, dir_fd=folder)
+        try:
+            try:
+                for part in [data] if isinstance(data, bytes) else data:
+                    _write_all(handle, part)
+                if durable:
+                    os.fsync(handle)
+            finally:
+                os.close(handle)
+            os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
+        except BaseException as error:
+            with suppress(OSError):
+                os.unlink(temporary, dir_fd=folder)
+            if isinstance(error, IsADirectoryError):
+                raise in_place_of_file(Path(root), path) from None
+            raise
+        if durable:
+            os.fsync(folder)
+
+
+def remove(root: str | Path, path: str) -> bool:
+    """Remove one file by its name; whether it was there."""
+    *parts, name = path.split("/")
+    try:
+        with _folder(str(root), tuple(parts)) as folder:
+            os.unlink(name, dir_fd=folder)
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def remove_folder(root: str | Path, path: str) -> None:
+    """Remove a folder that is empty; one that is not stays, and so does what is in it."""
+    *parts, name = path.split("/")
+    try:
+        with _folder(str(root), tuple(parts)) as folder:
+            os.rmdir(name, dir_fd=folder)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
+            raise
+
+
+def append_to(root: str | Path, path: str) -> int:
+    """A handle to append to a file that is there under this name alone."""
+    *parts, name = path.split("/")
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    with _folder(str(root), tuple(parts)) as folder:
+        try:
+            handle = os.open(name, flags, 0o644, dir_fd=folder)
+        except OSError as error:
+            if error.errno == errno.ELOOP:
+                raise link_at(Path(root), path) from None
+            raise
+    found = os.fstat(handle)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+        os.close(handle)
+        what = "has a second name (a hard link)" if stat.S_ISREG(found.st_mode) else "is no plain file"
+        raise ArchiveError(
+            f"{Path(root) / path} {what}: what is written to it would be written elsewhere too. "
+            f"Make it a file of its own: cp {path} {path}.own && mv {path}.own {path}"
+        )
+    return handle
+
+
+# -- looking --------------------------------------------------------------------------------------------------------
+
+
+def link_at(root: Path, path: str) -> ArchiveError:
+    """The error about a link inside an archive."""
+    try:
+        target = os.readlink(root / path)
+    except OSError:
+        target = "?"
+    short = target if len(target) <= 60 else f"...{target[-57:]}"
+    return ArchiveError(
+        f"{root / path} is a link (to {short}); an archive holds no links, since a run writes and removes what is in it. "
+        f"Put the files themselves in its place, or name another archive with --archive DIR"
+    )
+
+
+def in_place_of_folder(root: Path, path: str) -> ArchiveError:
+    """The error about a link, or a file, where an archive has a folder."""
+    if (root / path).is_symlink():
+        return link_at(root, path)
+    return ArchiveError(f"{root / path} is no folder, where an archive has one; move it elsewhere")
+
+
+def in_place_of_file(root: Path, path: str) -> ArchiveError:
+    """The error about a folder, or something odd, where an archive has a file."""
+    return ArchiveError(f"{root / path} is no plain file, where an archive has one; move it elsewhere")
+
+
+class Listing:
+    """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. No link is among them."""
+
+    def __init__(self, root: Path) -> None:
+        self.files: dict[str, set[str]] = {}
+        self.folders: dict[str, set[str]] = {}
+        with os.scandir(root) as entries:
+            for entry in entries:
+                if entry.is_symlink():
+                    raise link_at(root, entry.name)
+                if entry.name in FOLDERS:
+                    if not entry.is_dir(follow_symlinks=False):
+                        raise in_place_of_folder(root, entry.name)
+                    self._walk(root, entry.name)
+                elif entry.name in FILES and not entry.is_file(follow_symlinks=False):
+                    raise in_place_of_file(root, entry.name)
+
+    def _walk(self, root: Path, path: str) -> None:
+        """One folder, and those in it: kinds come with the names, so that no file is asked for its state."""
+        open_ = [path]
+        while open_:
+            path = open_.pop()
+            files, folders = self.files.setdefault(path, set()), self.folders.setdefault(path, set())
+            with os.scandir(root / path) as entries:
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        if entry.name == "zarr.json":
+                            raise in_place_of_file(root, f"{path}/{entry.name}")
+                        folders.add(entry.name)
+                        open_.append(f"{path}/{entry.name}")
+                    elif entry.is_file(follow_symlinks=False):
+                        files.add(entry.name)
+                    elif entry.is_symlink():
+                        raise link_at(root, f"{path}/{entry.name}")
+                    else:
+                        raise ArchiveError(f"{root / path / entry.name} is no plain file; an archive holds files and folders only")
+
+    def has(self, path: str) -> bool:
+        folder, _, name = path.rpartition("/")
+        return name in self.files.get(folder, ())
+
+    def below(self, path: str) -> Iterator[str]:
+        """Every file below a folder."""
+        for name in self.files.get(path, ()):
+            yield f"{path}/{name}"
+        for name in self.folders.get(path, ()):
+            yield from self.below(f"{path}/{name}")
+
+
+def read_document(path: Path) -> dict[str, Any] | None:
+    """A JSON object from a file; None where there is none, or it is damaged."""
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None

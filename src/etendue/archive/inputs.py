@@ -1,0 +1,194 @@
+"""The pipeline of a run as it stands, and the files it names: what makes an archive run again by itself.
+
+In:  a plan.
+Out: TOML with every override in it, in which files are copies in ``inputs/``, named by their SHA-256; the copies.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from etendue.archive import disk
+from etendue.errors import ArchiveError
+from etendue.plan.keys import file_digest
+from etendue.plan.model import Plan
+from etendue.plan.parameters import resolve_file
+from etendue.registry import installed_stages
+from etendue.spec import toml
+from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import Parameter, file_state, parameters_of
+
+LARGEST_COPY = 256 << 20  # a larger input is described, not copied
+
+
+@dataclass
+class Resolved:
+    """A pipeline that needs nothing but its archive."""
+
+    text: str
+    inputs: dict[str, str] = field(default_factory=dict)  # name below inputs/ -> path of the file or folder it is a copy of
+    written: dict[str, str] = field(default_factory=dict)  # as the pipeline named a file -> as the text here does
+
+
+class _Resolver:
+    """Replaces the names of files in values as written."""
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self.pipeline = pipeline
+        self.inputs: dict[str, str] = {}
+        self.written: dict[str, str] = {}
+        registry = installed_stages()
+        self.kinds = {entry.name: dict(parameters_of(registry.load(entry.use))) for entry in pipeline.stages}
+        self.camera = {n: p for own in self.kinds.values() for n, p in own.items() if p[0].camera}
+        for key, values in pipeline.sweep.items():
+            if key.endswith(".use") and isinstance(values, list | tuple):
+                for one in values:
+                    own = parameters_of(registry.load(one if isinstance(one, str) else one["use"]))
+                    self.camera.update({n: p for n, p in own.items() if p[0].camera})
+
+    def value(self, value: Any, parameter: Parameter | None) -> Any:
+        """A value; the name of a file by content."""
+        if isinstance(value, list | tuple):
+            return [self.value(one, parameter) for one in value]
+        if parameter is None or not isinstance(value, str) or not value:
+            return value
+        if not (parameter.file or (parameter.table and value.endswith(".csv"))):
+            return value
+        path = str(resolve_file(value, self.pipeline.folder, parameter.folder))
+        name = f"{file_digest(path)}{Path(path).suffix}"
+        self.inputs[name] = path
+        self.written[value] = f"../inputs/{name}"
+        return self.written[value]
+
+    def table(self, values: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
+
+    def axis(self, key: str, values: Any) -> Any:
+        stage, _, name = key.partition(".")
+        if name == "use" and isinstance(values, list | tuple):
+            registry = installed_stages()
+            return [v if isinstance(v, str) else self.table(v, parameters_of(registry.load(v["use"]))) for v in values]
+        own = self.kinds.get(stage, {}) if name else self.camera
+        parameter = own.get(name or key, (None,))[0]
+        if isinstance(values, Mapping):
+            return dict(values)
+        return self.value(list(values) if isinstance(values, list | tuple) else values, parameter)
+
+
+def resolve_pipeline(plan: Plan) -> Resolved:
+    """The pipeline of a plan with all overrides applied, to be run from ``runs/`` in its archive."""
+    pipeline = plan.pipeline
+    found = _Resolver(pipeline)
+    document: dict[str, Any] = {"name": pipeline.name}
+    if pipeline.description:
+        document["description"] = pipeline.description
+    if pipeline.variant:
+        document["variant"] = pipeline.variant
+    document |= {"seed": pipeline.seed, "tolerance": pipeline.tolerance, "precision": pipeline.precision}
+    if not plan.leaves_out:
+        document["leave_out"] = False
+    if pipeline.wanted is not None:
+        document["wanted"] = list(pipeline.wanted)
+    if pipeline.keep is not None:
+        document["keep"] = list(pipeline.keep)
+    # what the sensor's name stands for is written out: another version may say otherwise
+    sensor = {name: value for name, value in pipeline.preset.items() if name in found.camera and name not in pipeline.sweep}
+    camera = found.table({**sensor, **pipeline.camera}, found.camera)
+    document["camera"] = ({"sensor": pipeline.sensor} if pipeline.sensor else {}) | camera
+    document["stages"] = [
+        {"use": entry.use, "name": entry.name, **({"from": dict(entry.origin)} if entry.origin else {}),
+         **found.table(entry.values, found.kinds[entry.name])}
+        for entry in pipeline.stages
+    ]  # fmt: skip
+    if pipeline.sweep:
+        document["sweep"] = {key: found.axis(key, values) for key, values in pipeline.sweep.items()}
+    return Resolved(toml.dumps(document), found.inputs, found.written)
+
+
+def as_recorded(value: Any, written: Mapping[str, str]) -> str:
+    """An override in the notation of the file, files by content."""
+    if isinstance(value, str):
+        found = written.get(value, value)
+        return toml.value(Path(found).name if os.path.isabs(found) else found)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{toml.key(str(name))} = {as_recorded(one, written)}" for name, one in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(as_recorded(one, written) for one in value)}]"
+    return toml.value(value) if isinstance(value, bool | int | float | Decimal) or hasattr(value, "item") else toml.value(str(value))
+
+
+def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) -> list[str]:
+    """Every file and folder that a pipeline names into ``inputs/``; of very large ones, what they are. Gives damaged copies it replaced."""
+    mended = []
+    for name, path in inputs.items():
+        digest, source = file_digest(path), Path(path)
+        state = file_state(path)
+        if state[1] > LARGEST_COPY or (source.is_dir() and _leads_out(source)):
+            why = {"why": "a link in it leads out of it"} if state[1] <= LARGEST_COPY else {}
+            known = {"name": source.name, "sha256": digest, "bytes": state[1], "copied": False, **why}
+            disk.write(folder, f"inputs/{name}.json", json.dumps(known).encode(), durable)
+            continue
+        copy = folder / "inputs" / name
+        if copy.exists():
+            try:
+                if file_digest(str(copy)) == digest:
+                    continue
+            except OSError:
+                pass
+            mended.append(f"inputs/{name}")
+        for part in _parts(source) if source.is_dir() else [""]:
+            disk.write(folder, f"inputs/{name}/{part}" if part else f"inputs/{name}", _read(source / part if part else source), durable)
+        if _digest_now(copy) != digest:
+            raise ArchiveError(f"{source.name} has changed while it was copied into {folder / 'inputs'}; run again")
+    return mended
+
+
+def _digest_now(copy: Path) -> str:
+    if not copy.is_dir():
+        with copy.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_digest(str(copy))
+
+
+def _read(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while part := file.read(1 << 20):
+            yield part
+
+
+def _parts(folder: Path) -> list[str]:
+    """The files of a folder, links to files among them: by path below it."""
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def _leads_out(folder: Path) -> bool:
+    """Whether a link in a folder leads to something outside it."""
+    whole = folder.resolve()
+    return any(p.is_symlink() and not p.resolve().is_relative_to(whole) for p in folder.rglob("*"))
+
+
+def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """The sweep of an earlier run, from its record; nothing where it cannot be read. Files are the copies in the archive."""
+    text = record.get("resolved")
+    try:
+        found = tomllib.loads(text, parse_float=Decimal).get("sweep", {}) if isinstance(text, str) else {}
+    except (ValueError, RecursionError):
+        return {}
+    return _in_place(found, folder) if isinstance(found, dict) else {}
+
+
+def _in_place(value: Any, folder: Path) -> Any:
+    if isinstance(value, dict):
+        return {name: _in_place(one, folder) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_in_place(one, folder) for one in value]
+    return str(folder / value.removeprefix("../")) if isinstance(value, str) and value.startswith("../inputs/") else value
+

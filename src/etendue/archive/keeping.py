@@ -1,0 +1,79 @@
+"""What an archive holds that a run would not keep: finished results are removed only when that is asked for.
+
+In:  a plan over all stored axis values, what the archive has, what its journal says.
+Out: the variables that stay because they are right, and what would be lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+from etendue.archive.journal import Entry
+from etendue.archive.layout import cell_name
+from etendue.errors import ArchiveError
+from etendue.plan.model import Plan
+
+
+@dataclass
+class Lost:
+    """Finished cells by stage, and their bytes."""
+
+    cells: dict[str, int] = field(default_factory=dict)
+    bytes: int = 0
+
+    def add(self, stage: str, entries: Iterable[Entry]) -> None:
+        for entry in entries:
+            self.cells[stage] = self.cells.get(stage, 0) + 1
+            self.bytes += sum(file.size for file in entry.files)
+
+    def refuse(self, folder: str) -> None:
+        """Say what would be lost, and how to go on."""
+        stages = [f"{stage} ({count} {'cell' if count == 1 else 'cells'})" for stage, count in self.cells.items()]
+        shown = ", ".join(stages[:8]) + (f" and {len(stages) - 8} more stages" if len(stages) > 8 else "")
+        total = sum(self.cells.values())
+        raise ArchiveError(
+            f"{folder} holds finished results that this run neither keeps nor replaces: {shown}; "
+            f"{total} {'cell' if total == 1 else 'cells'}, {self.bytes} bytes in all. "
+            f"Remove them: --prune; keep them: name them under 'keep' and in the sweep, or use another archive, --archive DIR"
+        )
+
+
+def staying(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str]]) -> tuple[Plan, list[str], Lost]:
+    """The plan that also keeps what is stored and right; the stages that are kept for that reason alone; what would be lost.
+
+    A stage of which something is kept goes on with all that is stored of it: one status holds for all its variables.
+    """
+    names = {cell_name(plan, ref): cell for ref, cell in plan.cells.items()}
+    lost, kept, stay = Lost(), set(plan.kept), []
+    by_stage: dict[str, list[tuple[str, Entry]]] = {}
+    for name, entry in entries.items():
+        if entry.event == "done" and entry.files:
+            by_stage.setdefault(name.split(" ")[0], []).append((name, entry))
+    for stage, finished in by_stage.items():
+        lost.add(stage, (entry for name, entry in finished if name not in names))
+    for node in plan.nodes:
+        extra = {(node.name, v) for v in node.writes} & stored - plan.kept
+        if not extra:
+            continue
+        if not any((node.name, v) in plan.kept for v in node.writes):
+            wrong = [entry for name, entry in by_stage.get(node.name, ()) if name in names and entry.key != names[name].key]
+            if wrong:
+                lost.add(node.name, wrong)
+                continue
+            stay.append(node.name)
+        kept |= extra
+    return replace(plan, kept=frozenset(kept)), stay, lost
+
+
+def pruned(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str]]) -> Lost:
+    """What goes when only what a run keeps is to stay."""
+    names = {cell_name(plan, ref) for ref in plan.cells}
+    gone = Lost()
+    for name, entry in entries.items():
+        stage = name.split(" ")[0]
+        kept = {v for s, v in plan.kept if s == stage}
+        unkept = [f for f in entry.files if f.path.split("/")[-2] not in kept]
+        if entry.event == "done" and entry.files and (name not in names or unkept):
+            gone.add(stage, [entry if name not in names else replace(entry, files=tuple(unkept))])
+    return gone

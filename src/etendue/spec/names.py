@@ -1,0 +1,47 @@
+"""Names that become folders, dims and columns of an archive: which are free, and which would take the place of something else.
+
+In:  names of stages and of variables, as a pipeline or a plugin gives them.
+Out: '' where a name may be used, else why not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+TABLES = ("ledger", "summary", "frames")  # groups of an archive beside its stages
+OWN = ("status",)  # an array in every group beside the variables of a stage
+LONGEST = 100  # characters: with the axes of a cell in it a name of a file has 255 bytes
+
+
+def unfit_stage(name: str) -> str:
+    """Why a stage may not be named so."""
+    if not name.replace("_", "a").replace("-", "a").isalnum():
+        return "expected letters, digits and _"
+    if name.lower() in TABLES:
+        return f"an archive has a table named {name.lower()!r}; name the stage otherwise"
+    if name.startswith("__"):
+        return "names that begin with __ belong to Zarr"
+    if len(name.encode(errors="replace")) > LONGEST:
+        return f"expected at most {LONGEST} letters"
+    return ""
+
+
+def unfit_variable(name: str, dims: Iterable[str]) -> str:
+    """Why a stage whose outputs have these dims may not write a variable of this name."""
+    if not name.isidentifier() or name.startswith("__"):
+        return "expected letters, digits and _"
+    if name in OWN:
+        return "every group of an archive has an array of this name of its own"
+    taken = {own for dim in dims for own in (dim, f"{dim}_um", f"{dim}_bounds")}
+    if name in taken:
+        return "a coordinate of what the stage writes has this name"
+    if len(name) > LONGEST:
+        return f"expected at most {LONGEST} letters"
+    return ""
+
+
+def unfit_axis(dim: str, dims: Iterable[str]) -> str:
+    """Why an axis may not have this dim, beside those of what a stage writes."""
+    if dim in {own for each in dims for own in (each, f"{each}_um", f"{each}_bounds")} or dim in OWN:
+        return f"{dim!r} is a dim, or a coordinate, of what a stage writes"
+    return ""

@@ -1,0 +1,60 @@
+"""The smallest archive that has something of everything: groups by shape, a file, text and number axes, tables, pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.registry import installed_stages
+from etendue.spec.pipeline import read_pipeline
+
+TEXT = """
+name = "tiny"
+
+[camera]
+pixel_pitch = "3 um"
+peak_qe = [0.36, 0.44, 0.40]
+sensitivity = "camera.csv"
+
+[[stages]]
+use = "slanted_edge"
+name = "scene"
+white_luminance = "1000 cd m-2"
+width = "20 um"
+height = "20 um"
+bin_width = "100 nm"
+[[stages]]
+use = "irradiance"
+[[stages]]
+use = "pixel"
+rows = 4
+columns = 4
+[[stages]]
+use = "lens_numbers"
+
+[sweep]
+f_number = [2, 4]
+back = ["absorbing", "reflecting"]
+"pixel.rows" = [4, 5]
+"""
+TABLE = "wavelength_nm,R,G,B\n" + "".join(f"{w},{0.1 + w / 4000},{0.2},{0.3}\n" for w in range(380, 781, 10))
+MEASURED = ("ledger/seconds/", "summary/seconds/")
+
+
+def tiny_file(folder: Path, text: str = TEXT) -> Path:
+    (folder / "camera.csv").write_text(TABLE)
+    (folder / "tiny.toml").write_text(text)
+    return folder / "tiny.toml"
+
+
+def tiny_plan(folder: Path, overrides: dict[str, Any] | None = None) -> Plan:
+    return make_plan(read_pipeline(tiny_file(folder), overrides or {}), installed_stages())
+
+
+def store_of(archive: Path) -> dict[str, bytes]:
+    """Every file of the store but measured times: what must be equal, to the last byte."""
+    root = archive / "data.zarr"
+    found = {p.relative_to(root).as_posix(): p.read_bytes() for p in root.rglob("*") if p.is_file()}
+    return {path: data for path, data in found.items() if not path.startswith(MEASURED)}
