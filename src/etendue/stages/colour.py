@@ -59,8 +59,8 @@ class ColourFit(Collecting):
             raise ValueError(f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv table")
         if not min(self.peak_qe) > 0:
             raise ValueError(
-                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give every channel a peak "
-                "above 0, or leave colour_fit and what follows it out"
+                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give every channel a "
+                "peak above 0, or leave colour_fit out"
             )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
