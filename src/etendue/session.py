@@ -427,8 +427,9 @@ def simulate(
     if want is not None:
         overrides["wanted"] = list(want)
     if isinstance(pipeline, Mapping):
-        from etendue.spec.pipeline import apply_overrides
+        from etendue.spec.pipeline import apply_overrides, refuse_large
 
+        refuse_large(pipeline)  # before it is copied, level by level
         document = copy.deepcopy(dict(pipeline))  # what the caller gave stays as it is, also for the next call
         apply_overrides(document, overrides)
         made = from_document(document)

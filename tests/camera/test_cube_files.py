@@ -44,7 +44,9 @@ def test_a_whole_cube_is_read_as_it_is(tmp_path, options):
     assert np.array_equal(found["radiance"], dataset().radiance.values)
 
 
-@pytest.mark.parametrize(("options", "lost"), [({}, "radiance/c/1/0/1"), ({"version": 2}, "radiance/1.0.1"), ({"shards": (2, 8, 8)}, "radiance/c/1/0/0")])
+@pytest.mark.parametrize(
+    ("options", "lost"), [({}, "radiance/c/1/0/1"), ({"version": 2}, "radiance/1.0.1"), ({"shards": (2, 8, 8)}, "radiance/c/1/0/0")]
+)
 def test_a_lost_chunk_is_named_while_planning(tmp_path, options, lost):
     path = stored(tmp_path / "cube.zarr", **options)
     (path / lost).unlink()
@@ -118,7 +120,9 @@ def test_a_link_in_a_store_is_refused(tmp_path):
         read(path)
 
 
-@pytest.mark.parametrize(("shape", "words"), [([10**6, 10**6, 10**6], "values"), ([4, 10**6, 1000], "chunks"), ([4, 10**9, 1], "points along y")])
+@pytest.mark.parametrize(
+    ("shape", "words"), [([10**6, 10**6, 10**6], "values"), ([4, 10**6, 1000], "chunks"), ([4, 10**9, 1], "points along y")]
+)
 def test_an_absurd_header_is_refused_at_once(tmp_path, shape, words):
     path = stored(tmp_path / "cube.zarr")
     header = path / "radiance" / "zarr.json"

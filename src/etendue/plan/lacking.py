@@ -72,5 +72,6 @@ def _where(name: str, folder: Path) -> str:
     for parent in list(folder.absolute().parents)[:8]:
         found = parent / "plugins" / name
         if (found / "pyproject.toml").is_file():
-            return os.path.relpath(found)
+            here = os.path.relpath(found)
+            return str(found) if here.startswith("..") else here
     return name

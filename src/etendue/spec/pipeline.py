@@ -122,14 +122,15 @@ def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), override
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise RequestError([_not_toml(text, str(error))], file) from None
     lines = _lines(text)
-    _refuse_large(document, file, lines)
+    refuse_large(document, file, lines)
     for place in apply_overrides(document, overrides or {}, file):
         lines[place] = 0  # no longer what stands in the file
     given = tuple((key, value) for key, value in (overrides or {}).items())
     return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=given)
 
 
-def _refuse_large(document: Mapping[str, Any], file: str, lines: Mapping[str, int]) -> None:
+def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
+    """Refuse a document without bounds: too many keys, nested too deeply, a number of too many digits."""
     fault = document_fault(document)
     if fault:
         raise RequestError([replace(fault, line=lines.get(fault.place))], file)
@@ -219,7 +220,7 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
 
 def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is refused."""
-    _refuse_large(document, file, {})
+    refuse_large(document, file, {})
     faults: list[Fault] = []
     for key in document:
         if key not in TOP:
