@@ -19,7 +19,7 @@ from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quanti
 from etendue.physics import charts, charts_composite, resampling
 from etendue.physics.transfer import srgb_decode
 from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
-from etendue.stages.picture import read_picture
+from etendue.stages.picture import MOST_PIXELS, read_picture
 
 DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
@@ -390,7 +390,11 @@ class Photograph(Scene):
 
     def size(self) -> tuple[int, int]:
         grid = self.plane()
-        return grid["y"].size, grid["x"].size
+        rows, columns = grid["y"].size, grid["x"].size
+        too_many = beyond(rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene")
+        if too_many:
+            raise ValueError(too_many)
+        return rows, columns
 
     def known(self) -> Facts:
         linear, _ = _linear_photograph(self.file, *self.size())
