@@ -234,8 +234,8 @@ def test_a_scale_that_does_not_cover_the_light_is_refused(tmp_path):
     path = table(tmp_path, "quartz.csv", "wavelength_nm,scale", [(w, 1.0) for w in range(450, 651, 10)])
     split = {"separation_x": 2.0, "dispersion": path}
     edge = {"use": "slanted_edge"}
-    with pytest.raises(etendue.errors.EtendueError, match="rows from 450 to 650 nm, but the light reaches from 400 to 700 nm"):
-        ran("birefringent.irradiance", 400, 700, "irradiance", "birefringent", birefringent=split, scene=edge)
+    with pytest.raises(RequestError, match="rows from 450 to 650 nm, but the light reaches from 400 to 700 nm"):
+        notes(400, 700, "irradiance", "birefringent", birefringent=split, scene=edge)
 
 
 def test_columns_by_wavelength_that_do_not_cover_the_light_are_noted(tmp_path):

@@ -65,17 +65,25 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
 
     Notes
     -----
-    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Error: below 1e-15 x condition (reference group de2000).
+    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are taken from those of a* and b*, which keeps the digits
+    of colours that nearly agree, also on either side of 0 degrees. Error: below 1e-15 x condition (reference group de2000), and 4e-16
+    for pairs 1e-12 to 1 apart (40 against 60 digits); angles subtracted left 1e-3 of a difference of 1e-12.
     """
     (l1, a1, b1), (l2, a2, b2) = _triples("lab1", lab1), _triples("lab2", lab2)
     stretch = 1.5 - 0.5 * _chroma_weight((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)
+    along_a, along_b = (a2 - a1) * stretch, b2 - b1  # differences first: those of products and of angles cancel
     a1, a2 = a1 * stretch, a2 * stretch
     c1, c2 = np.hypot(a1, b1), np.hypot(a2, b2)
+    both = c1 + c2
+    d_chroma = (along_a * (a1 + a2) + along_b * (b1 + b2)) / np.where(both == 0, 1, both)
     hue1, hue2 = np.degrees(np.arctan2(b1, a1)) % 360, np.degrees(np.arctan2(b2, a2)) % 360
     grey = c1 * c2 == 0
 
     turn = hue2 - hue1
     turn = np.where(turn > 180, turn - 360, np.where(turn < -180, turn + 360, turn))
+    # beside one another, and on either side of 0 degrees: from the cross product, whose two terms are small
+    beside = np.degrees(np.arctan2(a1 * along_b - b1 * along_a, a1 * a2 + b1 * b2))
+    turn = np.where(np.abs(turn) < 90, beside, turn)
     turn = np.where(grey, 0, turn)
     total = hue1 + hue2
     far = np.abs(hue1 - hue2) > 180
@@ -86,7 +94,7 @@ def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
     t = 1 - 0.17 * _cos(hue - 30) + 0.24 * _cos(2 * hue)
     t = t + 0.32 * _cos(3 * hue + 6) - 0.20 * _cos(4 * hue - 63)
     d_l = (l2 - l1) / (1 + 0.015 * lightness**2 / np.sqrt(20 + lightness**2))
-    d_c = (c2 - c1) / (1 + 0.045 * chroma)
+    d_c = d_chroma / (1 + 0.045 * chroma)
     d_h = 2 * np.sqrt(c1 * c2) * np.sin(np.radians(turn / 2)) / (1 + 0.015 * chroma * t)
     rotation = -2 * np.sin(np.radians(60 * np.exp(-(((hue - 275) / 25) ** 2)))) * _chroma_weight(chroma)
     return np.sqrt(d_l**2 + d_c**2 + d_h**2 + rotation * d_c * d_h)

@@ -95,7 +95,8 @@ def collection(
     Source: seed paper section 2.4. The printed closed form is 0/0 at alpha L_f = 1 and overflows for thick
     layers; this one has neither fault (see `_field_free`).
     Error: below 5e-15 (float64) and 4e-7 (float32) relative over alpha 1e-6..1e3, Ld 1e-3..1e2, L 1e-2..1e3,
-    Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic).
+    Ln 0.1..1e5, f 1e-5..1e3 (3000 random points against 60-digit arithmetic); weaker absorption as far as the result is above
+    2e-308, where floats begin to lose digits.
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if absorption == 0.0:
@@ -126,7 +127,8 @@ def collection_mtf(
     Notes
     -----
     Source: seed paper eq. 6. Radial: in two dimensions f is the length of the frequency vector.
-    Error: below 5e-15 (float64) and 4e-7 (float32) relative over the box of `collection`.
+    Error: below 5e-15 (float64) and 4e-7 (float32) relative over the box of `collection`, and for any absorption down to 5e-324, the
+    smallest number (54 points of 5e-324..1e-200 against 400-digit arithmetic: 9e-16).
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if depletion == np.inf:
@@ -254,7 +256,9 @@ def _floating(values: Floats) -> FloatArray:
 def _collection_per_absorption(frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str) -> Floats:
     """D(f)/alpha in um, which has a limit at alpha = 0."""
     frequency = _floating(frequency)
-    depleted = float(-np.expm1(-absorption * depletion) / absorption) if absorption > 0.0 else depletion
+    # as a product it would be a subnormal number of few digits, and the quotient wrong by per cents
+    weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
+    depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption
     passed = float(np.exp(-absorption * depletion)) if depletion < np.inf else 0.0
     if passed == 0.0 or depth == 0.0:
         return np.full_like(frequency, depleted)[()]

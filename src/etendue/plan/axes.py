@@ -49,8 +49,10 @@ def resolve_axes(
             request.fault(place, str(error))
             continue
         if values and isinstance(values[0], tuple):
-            values = tuple(" ".join(map(str, v)) for v in values)
-            request.fault(place, "a list of several values per step cannot be an axis")
+            if not (target.parameter.one_for_all and all(len(v) == 1 for v in values)):
+                request.fault(place, "a list of several values per step cannot be an axis")
+                continue
+            values = tuple(v[0] for v in values)
         ordered.append(Axis(key, target.dim, values, target.parameter.units))
         for user in target.users:
             direct.setdefault(user, []).append((target.dim, target.name))

@@ -94,6 +94,8 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
     """
     if get_origin(kind) is tuple:
         item = get_args(kind)[0]
+        if parameter.one_for_all and not isinstance(value, list | tuple):
+            value = (value,)
         if isinstance(value, str | bytes) or not isinstance(value, list | tuple):
             raise Unfit(f"expected a list of {parameter.length or ''} values, got {as_written(value)}".replace("  ", " "))
         if parameter.length is not None and len(value) != parameter.length:

@@ -10,6 +10,7 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError
 from etendue.plan import cost, leave_out
+from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
@@ -61,6 +62,7 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     places = {node.name: node.place for node in nodes}
     uses = frozenset(one.use for node in nodes for one in node.alternatives)
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
+    texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
     for cell in cells.values():
         if has_method(type(cell.stage), "warn"):
             try:

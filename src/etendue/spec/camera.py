@@ -46,6 +46,7 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
         dict(
             at_least=0,
             at_most=1,
+            one_for_all=True,
             doc="peak quantum efficiency by channel, such as [0.36, 0.44, 0.40], or one for all: name its source, or call it typical",
         ),
     ),

@@ -13,6 +13,8 @@ engine looks for them by name and treats their absence as "not known":
     segment_error(self, before, grid, precision)         an end of a segment: its error behind the stages joined before it
     warn(self, facts, grids) -> [text]                   what a user should know about these values
     warn_among(self, uses) -> [text]                     the same, about the other stages of the pipeline (their names)
+    assumes(self) -> {what: value}                       what it takes for granted of things that other stages take for granted too;
+                                                         where a stage in front of it has another value, the plan notes it
     run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}
     negligible(self, facts, grid) -> float | None        how wrong leaving it out is, in units of its variable
     carry(self, facts, grid) -> Facts                    facts of what it writes, from facts of what it reads
@@ -89,6 +91,7 @@ class Parameter:
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
     length: int | None = None
+    one_for_all: bool = False  # a list that may be written as the one number in it
     infinite: bool = False
     doc: str = ""
 
@@ -138,6 +141,8 @@ class Stage:
     ``purpose``: what it is an alternative to, in a word or two that stages of one kind share (``"demosaicing"``, ``"sharpening"``,
     ``"lens"``). Among stages that read and write the same, those of another purpose are not offered in each other's place; '' says
     nothing: what it reads and writes decides alone.
+    ``once``: physics that is met once on the way through the camera (``"diffraction"``, ``"fall-off"``): a second stage with the same
+    on the way counts it twice, which the plan notes.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -150,6 +155,7 @@ class Stage:
     radial: ClassVar[bool] = False
     pointwise: ClassVar[bool] = False
     purpose: ClassVar[str] = ""
+    once: ClassVar[tuple[str, ...]] = ()
 
     @property
     def common_draws(self) -> bool:

@@ -349,6 +349,29 @@ def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tup
     return primaries, (float(space.whitepoint[0]), float(space.whitepoint[1]))
 
 
+def rgb_space_white(name: str) -> str:
+    """Name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own name where it is of no other.
+
+    A white counts as an illuminant's where its chromaticity is the published one.
+    """
+    space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
+    published = _published_white(str(space.whitepoint_name))
+    own = (float(space.whitepoint[0]), float(space.whitepoint[1]))
+    return str(space.whitepoint_name) if published == own else name
+
+
+def white_chromaticity(name: str) -> tuple[float, float] | None:
+    """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light that has none."""
+    if name in list(colour_science().RGB_COLOURSPACES):
+        return rgb_space_primaries(name)[1]
+    return _published_white(name)
+
+
+def _published_white(name: str) -> tuple[float, float] | None:
+    known = colour_science().CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]
+    return (float(known[name][0]), float(known[name][1])) if name in list(known) else None
+
+
 def adaptation_matrix(name: str) -> FloatArray:
     """XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", "CAT16", ...
 

@@ -16,7 +16,7 @@ from etendue import spectra
 from etendue.api import XYZ, Grid, Labels, Stage, hookimpl, param, quantity
 from etendue.physics import colour, white_balance
 from etendue.stages.crosstalk import mixing_of
-from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_of
+from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
 from etendue.stages.sensitivity import Collecting, quantum_efficiency
 
 SPACES = {"Von Kries": "von_kries_hpe_d65", "Bradford": "bradford", "CAT02": "cat02", "CAT16": "cat16"}
@@ -187,6 +187,8 @@ class Balance(Stage):
     nanoseconds: ClassVar = 5.0
     libraries: ClassVar = ("colour-science",)
 
+    once: ClassVar = ("adaptation to the white of the display",)
+
     space: str = param("Von Kries", choices=tuple(SPACES), doc="cone space of the gains")
     target: str = param("D65", doc="white of the display: an illuminant, a display or an RGB space")
     gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
@@ -200,6 +202,10 @@ class Balance(Stage):
 
     def prepare(self, coordinates: Any) -> Any:
         return white_of(self.target)
+
+    def assumes(self) -> dict[str, Any]:
+        """The paper's diagonal ends in a white of its own."""
+        return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
 
     def viewing_white(self) -> Any:
         """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the picture."""

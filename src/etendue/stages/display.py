@@ -14,7 +14,7 @@ import numpy as np
 from etendue import spectra
 from etendue.api import RGB, XYZ, Grid, Labels, Stage, hookimpl, param
 from etendue.physics import colour, transfer
-from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_of
+from etendue.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
 
 LMS = Labels(("L", "M", "S"))
 PRINTED = {"eq16_corrected_3digit": colour.EQ16_CORRECTED, "eq16_as_printed": colour.EQ16_AS_PRINTED}
@@ -82,6 +82,9 @@ class Display(Stage):
     def __post_init__(self) -> None:
         check_display(self.display)
 
+    def assumes(self) -> dict[str, Any]:
+        return {"the display": self.display, "the white of the display": white_name(self.display)}
+
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
 
@@ -108,10 +111,13 @@ class _Cones(Stage):
     nanoseconds: ClassVar = 5.0
     libraries: ClassVar = ("colour-science",)
 
-    display: str = param("Apple Studio Display", doc="measured spectra x cone fundamentals; of an RGB space, cones fitted to XYZ")
+    display: str = param("sRGB", doc="as of display: measured spectra x cone fundamentals; of an RGB space, cones fitted to XYZ")
 
     def __post_init__(self) -> None:
         check_display(self.display)
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the display": self.display}
 
     def prepare(self, coordinates: Any) -> Any:
         return primaries_to_cones(self.display)
@@ -152,7 +158,7 @@ class FromCones(_Cones):
 
 @dataclass(frozen=True, kw_only=True)
 class ToXyz(Stage):
-    """Linear RGB to XYZ by eq. 16: full precision by default, printed forms by name, or any RGB space."""
+    """Linear RGB of the display to XYZ: of an RGB space, or by eq. 16 (EBU primaries) in full precision or as printed."""
 
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
     writes: ClassVar = {"xyz_display": "channel y x [1]"}
@@ -160,16 +166,21 @@ class ToXyz(Stage):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
 
-    matrix: str = param("ebu", doc="ebu (eq. 16), sRGB, eq16_corrected_3digit, eq16_as_printed, or an RGB space of colour-science")
+    libraries: ClassVar = ("colour-science",)
+
+    matrix: str = param("sRGB", doc="of the display, as of stage display; ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed")
 
     def __post_init__(self) -> None:
-        spectra.check_rgb_space(self.matrix, (*PRINTED, "ebu"))
+        spectra.check_rgb_space(self.matrix, (*PRINTED, "ebu", *MEASURED))
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the display": "ebu" if self.matrix in PRINTED else self.matrix}
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"xyz_display": inputs["rgb_linear"].replace(channel=XYZ)}
 
     def prepare(self, coordinates: Any) -> Any:
-        return PRINTED[self.matrix] if self.matrix in PRINTED else space_to_xyz(self.matrix)
+        return PRINTED[self.matrix] if self.matrix in PRINTED else primaries_to_xyz(self.matrix)
 
     def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
         return {"xyz_display": colour.apply_matrix(prepared, rgb_linear)}
@@ -187,6 +198,9 @@ class _Encoding(Stage):
 
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power' (eq. 15)")
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the encoding": ("power", self.exponent) if self.encoding == "power" else self.encoding}
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (1e-6 if precision == "float32" else 1e-15), "measured"

@@ -138,6 +138,7 @@ class Distortion(Stage):
     """
 
     purpose: ClassVar = "distortion"
+    once: ClassVar = ("distortion",)
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 3.5  # of the quintic spline between samples of opposite signs: 3.3

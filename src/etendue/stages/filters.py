@@ -42,7 +42,6 @@ class Birefringent(Stage):
         if not self.dispersion:
             return np.ones(1), np.ones(1)
         edges = tuple(coordinates["wavelength_edges"])
-        spectra.require_rows(self.dispersion, edges)
         scale = spectra.table_from_csv(self.dispersion, edges)[1][:, 0]
         if not np.all(scale > 0):
             raise ValueError(f"{self.dispersion} must give a scale above 0 from {edges[0]:g} to {edges[-1]:g} nm")
@@ -57,6 +56,11 @@ class Birefringent(Stage):
         if not self.splits():
             return 0.0, "nothing is split"
         return (0.0, "the scene is uniform: splitting changes nothing") if facts.uniform else None
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if self.dispersion:
+            spectra.require_rows(self.dispersion, grids["irradiance"].bands().edges)
+        return []
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         own = facts["irradiance"]

@@ -106,6 +106,7 @@ class AngularResponse(Conjugates):
     """Pixels see less of the light that comes at an angle for which their microlenses are not made; 1 on the axis."""
 
     purpose: ClassVar = "angular response"
+    once: ClassVar = ("angular response",)
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     pointwise: ClassVar = True
@@ -125,6 +126,9 @@ class AngularResponse(Conjugates):
         super().__post_init__()
         if self.table and self.power:
             raise ValueError("power and table are both given; the response is one or the other")
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the response by angle": ("that of", self.table) if self.table else ("power", self.power)}
 
     def distance(self) -> float:
         return self.exit_pupil_distance or self.pupil_distance()

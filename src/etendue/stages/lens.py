@@ -56,6 +56,7 @@ class Diffraction(Blur, Cone):
     The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or ``t_number``.
     """
 
+    once: ClassVar = ("diffraction",)
     radial: ClassVar = True
     obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
 

@@ -79,6 +79,7 @@ class Falloff(Conjugates):
     """Less light off the axis: cos4, the exact Lambertian disc, or a table of relative illumination."""
 
     purpose: ClassVar = "falloff"
+    once: ClassVar = ("fall-off",)
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     pointwise: ClassVar = True
@@ -131,6 +132,11 @@ class Falloff(Conjugates):
         if self.model == "table":
             return self.rows().range(float(self.place(nearest(grid), corner)), float(self.place(corner, corner)))
         return float(self.relative(np.array(self.tangent(corner, corner)))), 1.0
+
+    def assumes(self) -> dict[str, Any]:
+        if self.model == "table":
+            return {"the fall-off": ("that of", self.table)}
+        return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}
 
     def prepare(self, coordinates: Any) -> Any:
         return self.rows().curves(coordinates["wavelength"]) if self.model == "table" else np.ones((1, 1))

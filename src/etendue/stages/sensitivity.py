@@ -41,6 +41,8 @@ class Sensitive(Stage):
 
     def __post_init__(self) -> None:
         spectra.check_camera(self.sensitivity)
+        if not isinstance(self.peak_qe, tuple):  # one for all, as the value of an axis
+            object.__setattr__(self, "peak_qe", (float(self.peak_qe),))
         channels = self.channels
         if len(self.peak_qe) not in (1, len(channels)):
             raise ValueError(
@@ -142,6 +144,19 @@ def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[fl
         measured = np.array([column is not None for column in columns])
         found[measured] = found[measured] / centres
     return found
+
+
+def unused_notes(stage: Any) -> list[str]:
+    """What is said of quantities that were given and change nothing."""
+    said = []
+    if stage.sensitivity_kind == "system_qe" and stage.surface_transmission != 1:
+        said.append(
+            f"surface_transmission = {stage.surface_transmission:g} changes nothing: sensitivity_kind = 'system_qe' holds the surface "
+            "already; take sensitivity_kind = 'filter_transmittance', or lower peak_qe"
+        )
+    if stage.sensitivity == FLAT and stage.sensitivity_per == "energy":
+        said.append("sensitivity_per = 'energy' changes nothing: sensitivity = 'flat' is the same for photons of every wavelength")
+    return said
 
 
 def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:

@@ -16,7 +16,15 @@ from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quant
 from etendue.physics import expansion, photodiode, silicon
 from etendue.physics.sampling import on_unique_rows
 from etendue.spec.stage import has_method
-from etendue.stages.sensitivity import FLAT, Collecting, collection_at_zero, cut_off_notes, electrons_per_irradiance, quantum_efficiency
+from etendue.stages.sensitivity import (
+    FLAT,
+    Collecting,
+    collection_at_zero,
+    cut_off_notes,
+    electrons_per_irradiance,
+    quantum_efficiency,
+    unused_notes,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +32,7 @@ class Diffusion(Stage):
     """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
 
     purpose: ClassVar = "diffusion"
+    once: ClassVar = ("diffusion of charge",)
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off
@@ -176,7 +185,12 @@ class Pixel(Collecting):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         edges = grids["irradiance"].bands().edges
-        return [*self._beyond_the_light(edges), *cut_off_notes(self, edges), *self._charge_under_other_filters(facts, grids)]
+        return [
+            *unused_notes(self),
+            *self._beyond_the_light(edges),
+            *cut_off_notes(self, edges),
+            *self._charge_under_other_filters(facts, grids),
+        ]
 
     def warn_among(self, uses: frozenset[str]) -> list[str]:
         if self.crosstalk != "through_filter" or "crosstalk" in uses:

@@ -47,6 +47,7 @@ class LensShading(Conjugates):
     writes: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
     gain: ClassVar[float | None] = None  # of a table as large as it is
     negative: ClassVar = "keep"
+    once: ClassVar = ("the correction of shading",)
     nanoseconds: ClassVar = 8.0
 
     pattern: str = quantity("pattern")
@@ -133,6 +134,13 @@ class LensShading(Conjugates):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; how well model or table fit the lens is no error of it."""
         return (1e-6 if precision == "float32" else 2e-14), "measured"
+
+    def assumes(self) -> dict[str, Any]:
+        """What the model takes the lens for; a table is of no model."""
+        if self.map != "model" or self.strength == 0:
+            return {}
+        fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
+        return {"the fall-off": fall_off, "the response by angle": ("power", self.power)}
 
     def warn_among(self, uses: Any) -> list[str]:
         if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and "vignetting" in uses:

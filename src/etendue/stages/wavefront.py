@@ -36,6 +36,8 @@ class Aberrated(Cone):
     behind the sensor. One wave at 550 nm is 0.55 um.
     """
 
+    once: ClassVar = ("diffraction",)
+
     object_distance: float = quantity("object_distance")
     defocus: float = param(0.0, **MOVED, doc="how far behind the sensor the image lies, besides what the object distance makes of it")
     spherical: float = param(0.0, **WAVES, doc="spherical aberration W040")
@@ -45,9 +47,6 @@ class Aberrated(Cone):
     full_height: float = param(
         4.0, units="mm", at_least=1e-3, at_most=1e3, doc="image height for which coma, astigmatism and field curvature hold"
     )
-
-    def warn_among(self, uses: frozenset[str]) -> list[str]:
-        return ["diffraction is in this stage already, and counts twice; leave the stage out"] if "diffraction" in uses else []
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -83,6 +83,7 @@ class Moved(RealLens):
 class Blur(Moved):
     """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
 
+    once: ClassVar = ("diffraction",)
     nanoseconds: ClassVar = 400.0
 
     fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles at which a point is traced")
@@ -180,6 +181,7 @@ class Blur(Moved):
 class Distortion(Moved):
     """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
 
+    once: ClassVar = ("distortion",)
     gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
     nanoseconds: ClassVar = 350.0
 
@@ -239,6 +241,7 @@ class Distortion(Moved):
 class Illumination(Moved):
     """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
 
+    once: ClassVar = ("fall-off",)
     gain: ClassVar[float | None] = banks.BRIGHTEST
     pointwise: ClassVar = True
     nanoseconds: ClassVar = 8.0
