@@ -225,7 +225,9 @@ def plan(file: Path, settings: Any, sweeps: Any, want: Any, tolerance: Any, noth
 @click.option("--recompute", is_flag=True, help="Compute again what is already finished.")
 @click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform.")
 @click.option(
-    "--cell-timeout", type=click.FloatRange(0, min_open=True), metavar="SECONDS",
+    "--cell-timeout",
+    type=click.FloatRange(0, min_open=True),
+    metavar="SECONDS",
     help="A cell that takes longer is stopped and counts as failed. With processes or tcp:// only: a thread cannot be stopped.",
 )
 @click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
@@ -251,8 +253,10 @@ def run(
     check_timeout(options)
     folder = here / (archive or made.pipeline.name)
     if not as_json:
+        from etendue.telling import printable
+
         for text in made.warnings:
-            click.echo(f"note: {text}", err=True)
+            click.echo(f"note: {printable(text)}", err=True)
     outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
     if as_json:
         _say(outcome_document(outcome))

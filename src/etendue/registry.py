@@ -5,6 +5,7 @@ Names, near-misses and clashes come from metadata alone; a plugin that cannot be
 
 from __future__ import annotations
 
+import os
 import threading
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +15,9 @@ import pluggy
 
 from etendue import hookspecs
 from etendue.errors import PluginError
-from etendue.spec.stage import Stage, arguments_of, parameters_of, reads_of, writes_of
+from etendue.interrupts import is_ours
+from etendue.spec.stage import Stage, arguments_of, check_class, parameters_of, reads_of, writes_of
+from etendue.telling import here, plain, said
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class Registry:
 
     def _load(self, name: str) -> type[Stage]:
         point = self.installed(name)
+        folder = here()
         origin = f"stage {name!r} of {point.distribution} {point.version}"
         try:
             # The entry point is loaded directly: pluggy's own loader walks all distributions at every call.
@@ -78,13 +82,22 @@ class Registry:
             if not impls:
                 raise PluginError(f"{point.module} has no @hookimpl etendue_stages")
             kind = impls[0].function()[name]  # type: ignore[index]
-        except (Exception, SystemExit) as error:  # a module that ends the process at import is broken like any other
-            reason = " ".join(str(error).split())[:300]
-            raise PluginError(f"{origin} cannot be loaded: {type(error).__name__}: {reason}") from error
+        except BaseException as error:  # a module that ends the process at import is broken like any other
+            if is_ours(error):
+                raise
+            reason = " ".join(said(error).split())[:300]
+            raise PluginError(f"{origin} cannot be loaded: {reason}") from error
+        finally:
+            if folder and here() != folder:  # the rest of a request is read where it was made
+                os.chdir(folder)
         try:
             reads_of(kind), writes_of(kind), parameters_of(kind), arguments_of(kind)
-        except Exception as error:
-            raise PluginError(f"{origin} is not a valid stage: {error}") from error
+            check_class(kind)
+        except BaseException as error:
+            if is_ours(error):
+                raise
+            reason = plain(str(error)) if isinstance(error, TypeError | ValueError) else said(error)
+            raise PluginError(f"{origin} is not a valid stage: {reason}") from error
         return kind
 
 

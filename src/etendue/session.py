@@ -441,8 +441,9 @@ def simulate(
         first = outcome.failed[0]
         from etendue.errors import PluginError
 
+        ref = (first.stage, first.index)
         raise PluginError(
-            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels((first.stage, first.index))}: {first.message}"
+            f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: {first.message}"
         )
     if archive is None:
         return outcome.tree

@@ -56,13 +56,14 @@ def shown_path(path: str) -> str:
     """A path as seen from the working directory, below a folder of packages, or else its name."""
     if not os.path.isdir("/" + path.split("/")[1]):
         return path  # W m-2/nm, or a path of another machine
-    for folder in (_here(), *sorted(filter(os.path.isabs, sys.path), key=len, reverse=True)):
+    for folder in (here(), *sorted(filter(os.path.isabs, sys.path), key=len, reverse=True)):
         if folder not in ("", "/") and path.startswith(folder.rstrip("/") + "/"):
             return path[len(folder.rstrip("/")) + 1 :]
     return os.path.basename(path.rstrip("/"))
 
 
-def _here() -> str:
+def here() -> str:
+    """The working directory, '' where it has been removed."""
     try:
         return os.getcwd()
     except OSError:

@@ -68,7 +68,7 @@ def _plain(value: Any) -> Any:
         return [_plain(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return repr(value)
-    if isinstance(value, str) and os.path.isabs(value) and os.path.isfile(value):
+    if isinstance(value, str) and os.path.isabs(value) and os.path.exists(value):
         return f"sha256:{file_digest(value)}"
     return value
 

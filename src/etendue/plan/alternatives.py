@@ -96,7 +96,13 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
                 request.fault(place, f"{use} needs {name!r}: {meaning(declared[name][0])}")
             values[name] = None if declared[name][2] is MISSING else declared[name][2]
     installed = request.registry.installed(use)
-    return Alternative(use, label, kind, values, installed.distribution, installed.version, code_digest(kind))
+    try:
+        code = code_digest(kind)
+    except OSError as error:
+        whose = f"{use} of {installed.distribution} {installed.version}"
+        request.fault(place, f"{whose}: its code cannot be read: {error.strerror or type(error).__name__}")
+        return None
+    return Alternative(use, label, kind, values, installed.distribution, installed.version, code)
 
 
 def _load(request: Request, use: str, place: str) -> type[Stage] | None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.plan import leave_out
+from etendue.plan import asking, leave_out
 from etendue.plan.graph import Graph
 from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
@@ -24,6 +24,7 @@ from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Stage, arguments_of, has_method, is_random, looks, parameters_of, reads_of, word_of
 from etendue.spec.variables import Declaration
+from etendue.telling import plain
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inpu
         else:
             source = next((g for g in inputs.values() if dim in g), None)
             if source is None:
-                raise PluginError(f"{type(stage).__name__} does not say what {dim!r} of {declaration.variable} is")
+                raise PluginError(asking.lacking(type(stage), dim, declaration.variable))
             found[dim] = source[dim]
     grid = Grid.of(found)
     for dim, coordinate in grid.entries:
@@ -100,9 +101,9 @@ class _Expansion:
             if name in values:
                 values[name] = self.axes[dim].values[index[dim]]
         try:
-            stage = one.kind(**values)
-        except (ValueError, TypeError) as error:
-            raise RequestError([Fault(node.place, f"{one.use}: {error}")], self.pipeline.file) from None
+            stage = asking.made(one.kind, values)
+        except (ValueError, PluginError) as error:
+            raise RequestError([Fault(node.place, f"{one.use}: {plain(str(error))}")], self.pipeline.file) from None
         made = (stage, one, number)
         self.stages[(node.name, (number, *own))] = made
         return made
@@ -153,9 +154,11 @@ class _Expansion:
     def describe(self, node: Node, stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
         if stage not in self.described:
             try:
-                self.described[stage] = stage.describe()  # type: ignore[attr-defined]
+                self.described[stage] = asking.described(stage)
+            except PluginError as error:
+                raise RequestError([Fault(node.place, self.by_whom(node, stage, error))], self.pipeline.file) from None
             except (ValueError, OSError, RequestError) as error:
-                raise RequestError([Fault(node.place, str(error))], self.pipeline.file) from None
+                raise RequestError([Fault(node.place, plain(str(error)))], self.pipeline.file) from None
         return self.described[stage]
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
@@ -174,24 +177,24 @@ class _Expansion:
                 facts, declared = self.describe(node, stage)
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
             else:
-                declared = stage.grid(input_grids) if has_method(type(stage), "grid") else {}  # type: ignore[attr-defined]
+                declared = asking.grids_of(stage, input_grids)
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in node.writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
             error_bound = self.error(node, stage, inputs, input_facts, input_grids)
+            seed = self.seed(node, stage, one, inputs, looks_at, index)
         except PluginError as error:
-            self.faults.setdefault(str(error), Fault(node.place, str(error)))
+            self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
             return
         except (ValueError, RequestError) as error:
             where = ", ".join(f"{d} = {self.axes[d].values[i]}" for d, i in by_dim.items())
-            text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else str(error)
+            text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
             self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
             return
         bound = leave_out.accumulated(stage, [self.cells[ref].bound for _, ref, _ in inputs], decided)
         if decided:
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
-        seed = self.seed(node, stage, one, inputs, looks_at, index)
         fields, key = self.key(node, stage, one, inputs, looks_at, decided, seed)
         cell = Cell(
             node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
@@ -201,13 +204,19 @@ class _Expansion:
         )  # fmt: skip
         self.cells[cell.ref] = cell
 
+    @staticmethod
+    def by_whom(node: Node, stage: Stage, error: PluginError) -> str:
+        """A fault of a plugin, and which distribution it is of."""
+        one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
+        return f"{one.use} of {one.distribution} {one.version}: {error}"
+
     def ref(self, name: str, by_dim: Mapping[str, int]) -> CellRef:
         """The cell of a node at this combination; what a probe of transfer functions does not depend on is at its first value."""
         return (name, tuple(by_dim.get(dim, 0) for dim in self.nodes[name].axes))
 
     def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
         if has_method(type(stage), "carry"):
-            return stage.carry(facts, grids)  # type: ignore[attr-defined]
+            return asking.carried(stage, facts, grids)
         return UNKNOWN
 
     def decide(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids_in: Any, grids: Mapping[str, Grid]) -> LeftOut | None:
@@ -277,7 +286,7 @@ class _Expansion:
         self.values[(node.name, index)] = values
         if not is_random(type(stage)):
             return b""
-        return f"{self.pipeline.seed}|{node.name}|{'' if stage.common_draws else values}".encode()
+        return f"{self.pipeline.seed}|{node.name}|{'' if asking.common_draws(stage) else values}".encode()
 
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
         if not has_method(type(stage), "error"):
@@ -289,5 +298,5 @@ class _Expansion:
                 if self.cells[ref].left_out is None:
                     before.append(self.cells[ref].stage)
                 ref = self.cells[ref].inputs[0][1]
-            return stage.segment_error(tuple(reversed(before)), facts, grids, self.precision)  # type: ignore[attr-defined]
-        return stage.error(facts, grids, self.precision)  # type: ignore[attr-defined]
+            return asking.error_of(stage, "segment_error", tuple(reversed(before)), facts, grids, self.precision)
+        return asking.error_of(stage, "error", facts, grids, self.precision)

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from etendue.errors import RequestError, nearest
+from etendue.errors import PluginError, RequestError, nearest
+from etendue.plan import asking
 from etendue.plan.alternatives import alternatives_of
 from etendue.plan.axes import resolve_axes
 from etendue.plan.binding import link
@@ -22,6 +23,7 @@ from etendue.registry import Registry
 from etendue.spec.names import unfit_axis
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import parameters_of
+from etendue.telling import plain
 
 
 @dataclass
@@ -106,9 +108,11 @@ def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: M
             if any(value is None for value in values.values()):
                 continue  # already a fault
             try:
-                one.kind(**values)
-            except (ValueError, TypeError) as error:
-                request.fault(node.place, f"{one.use}: {error}")
+                asking.made(one.kind, values)
+            except ValueError as error:
+                request.fault(node.place, f"{one.use}: {plain(str(error))}")
+            except PluginError as error:
+                request.fault(node.place, f"{one.use} of {one.distribution} {one.version}: {error}")
 
 
 def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ...]:

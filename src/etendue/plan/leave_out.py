@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from etendue.plan.asking import negligible
 from etendue.plan.model import LeftOut, Node
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Grid
@@ -65,11 +66,11 @@ def decide(
         if port is None or port not in grids_in or grids_in[port] != grids[declaration.variable]:
             return None
     main = next(p for p, d in reads_of(type(stage)).items() if d.variable == writes[0].variable)
-    answer = stage.negligible(facts[main], grids_in[main])  # type: ignore[attr-defined]
+    answer = negligible(stage, facts[main], grids_in[main])
     if answer is None:
         return None
     bound, why = answer
-    return LeftOut(float(bound), why) if bound == 0 or bound <= share else None
+    return LeftOut(bound, why) if bound == 0 or bound <= share else None
 
 
 def accumulated(stage: Stage, before: Sequence[float | None], decided: LeftOut | None) -> float | None:

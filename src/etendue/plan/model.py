@@ -177,6 +177,12 @@ class Plan:
         """The cells of a node, in order."""
         return [cell for cell in self.cells.values() if cell.node == name]
 
+    def origin(self, ref: CellRef) -> str:
+        """The stage behind a cell and the distribution it is of: ``demosaic_malvar of etendue-demosaic-malvar 0.1.0``."""
+        cell = self.cells[ref]
+        one = next(a for a in self.node(ref[0]).alternatives if a.kind is type(cell.stage) and a.use == cell.use)
+        return f"{one.use} of {one.distribution} {one.version}"
+
     def labels(self, ref: CellRef) -> dict[str, Any]:
         """Axis values of a cell by dim."""
         node = self.node(ref[0])

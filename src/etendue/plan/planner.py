@@ -8,15 +8,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from etendue.errors import Fault, RequestError
-from etendue.plan import cost, leave_out
+from etendue.errors import Fault, PluginError, RequestError
+from etendue.plan import asking, cost, leave_out
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import has_method
+from etendue.telling import plain
 
 
 def make_plan(
@@ -64,16 +64,13 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
     for cell in cells.values():
-        if has_method(type(cell.stage), "warn"):
-            try:
-                found = cell.stage.warn(cell.facts, cell.input_grids)
-            except ValueError as error:
-                raise RequestError([Fault(places[cell.node], str(error))]) from None
-            for text in found:
-                texts[f"{cell.node}: {text}"] = None
-        if has_method(type(cell.stage), "warn_among"):
-            for text in cell.stage.warn_among(uses):
-                texts[f"{cell.node}: {text}"] = None
+        try:
+            found = asking.texts(cell.stage, "warn", cell.facts, cell.input_grids) + asking.texts(cell.stage, "warn_among", uses)
+        except ValueError as error:
+            raise RequestError([Fault(places[cell.node], plain(str(error)))]) from None
+        except PluginError as error:
+            raise RequestError([Fault(places[cell.node], f"{cell.use}: {error}")]) from None
+        texts |= dict.fromkeys(f"{cell.node}: {text}" for text in found)
     return tuple(texts)
 
 

@@ -11,12 +11,11 @@ import re
 from inspect import cleandoc
 from typing import Any
 
-from rich.markup import escape
 from rich.padding import Padding
 
 from etendue.errors import PluginError
 from etendue.registry import Registry
-from etendue.report.terminal import _out, _table
+from etendue.report.terminal import _out, _table, escape
 from etendue.spec import camera
 from etendue.spec.stage import MISSING, Parameter, parameters_of, reads_of, writes_of
 

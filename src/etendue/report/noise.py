@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rich.markup import escape
-
-from etendue.report.terminal import _out, _table
+from etendue.report.terminal import _out, _table, escape
 
 
 def print_noise(document: dict[str, Any]) -> None:

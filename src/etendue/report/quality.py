@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from etendue.physics import colour
 from etendue.physics.transfer import srgb_encode
-from etendue.report.terminal import _out, _table, short_axes
+from etendue.report.terminal import _out, _table, escape, short_axes
 
 COLUMNS = (
     ("psnr_linear", "PSNR linear", ".2f"), ("psnr_encoded", "PSNR encoded", ".2f"), ("ssim", "SSIM luma", ".4f"),

@@ -9,9 +9,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
-from rich.markup import escape
-
-from etendue.report.terminal import _out, _table
+from etendue.report.terminal import _out, _table, escape
 from etendue.spec.presets import Sourced, preset
 
 

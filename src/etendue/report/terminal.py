@@ -14,7 +14,7 @@ from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
+from rich.markup import escape as without_markup
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.status import Status
 from rich.table import Table
@@ -24,10 +24,28 @@ from etendue.plan.model import CellRef, Plan
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
+from etendue.telling import printable
+
+
+def escape(text: str) -> str:
+    """Foreign text as it stands: no markup, nothing that a terminal obeys."""
+    return without_markup(printable(text))
+
+
+class _Console(Console):
+    """What is printed as text holds nothing that a terminal obeys, wherever it comes from."""
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        super().print(*(printable(o) if isinstance(o, str) else o for o in objects), **how)
+
+
+class _Table(Table):
+    def add_row(self, *cells: Any, **how: Any) -> None:
+        super().add_row(*(printable(c) if isinstance(c, str) else c for c in cells), **how)
 
 
 def _out() -> Console:
-    return Console(highlight=False, soft_wrap=False)
+    return _Console(highlight=False, soft_wrap=False)
 
 
 def human_bytes(count: float) -> str:
@@ -46,7 +64,7 @@ def human_seconds(seconds: float) -> str:
 
 def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) -> Table:
     """A table whose columns are (name, justify); only those in ``wrap`` are broken into lines."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table = _Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name, justify in columns:
         table.add_column(name, justify=justify, no_wrap=name not in wrap)  # type: ignore[arg-type]
     return table
@@ -117,7 +135,7 @@ def print_plan(document: dict[str, Any]) -> None:
         f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread time, "
         f"{human_bytes(document['peak_memory'])} held at most, {document['precision']}"
     )
-    notes = Console(stderr=True, highlight=False)
+    notes = _Console(stderr=True, highlight=False)
     for text in document["warnings"]:
         notes.print(f"note: {escape(text)}")
 
@@ -197,7 +215,10 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "floored": floored(outcome.plan, outcome.reports),
         "overexposed": floored(outcome.plan, outcome.reports, "_saturated"),
         "failures": [
-            {"cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))], "message": r.message, "again": replay(outcome.plan, ref)}
+            {
+                "cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))], "by": outcome.plan.origin(ref), "message": r.message,
+                "again": replay(outcome.plan, ref),
+            }
             for r in outcome.failed
         ],
         "headlines": [{"name": n, "value": v, "units": u} for n, v, u in headlines(outcome.plan, outcome.arrays)],
@@ -270,7 +291,8 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"overexposed: {escape(text)}; what is clipped is shown as white", soft_wrap=True)
     for report in outcome.failed[:5]:
         ref = (report.stage, report.index)
-        console.print(f"failed: {report.stage} {escape(str(outcome.plan.labels(ref)))}: {escape(report.message)}")
+        where = f"{report.stage} {outcome.plan.labels(ref)}, {outcome.plan.origin(ref)}"
+        console.print(f"failed: {escape(where)}: {escape(report.message)}", soft_wrap=True)
         console.print(f"  again, alone: {escape(replay(outcome.plan, ref))}", soft_wrap=True)
     if len(outcome.failed) > 5:
         console.print(f"failed: {len(outcome.failed) - 5} more; see the ledger")

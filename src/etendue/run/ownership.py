@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import PluginError
+from etendue.telling import here
 
 
 def for_reading(array: Any) -> Any:
@@ -90,7 +91,7 @@ def as_array(name: str, variable: str, value: Any) -> Any:
 @contextmanager
 def as_it_was() -> Iterator[None]:
     """Whatever a plugin changes about its process is put back behind it: error handling of numpy, warnings, working directory."""
-    folder, filters = _folder(), warnings.filters
+    folder, filters = here(), warnings.filters
     shown = warnings.showwarning
     kept = list(filters)
     with np.errstate():
@@ -102,12 +103,6 @@ def as_it_was() -> Iterator[None]:
                 warnings._filters_mutated()  # type: ignore[attr-defined]
             if warnings.showwarning is not shown:
                 warnings.showwarning = shown
-            if folder and _folder() != folder:
+            if folder and here() != folder:
                 os.chdir(folder)
 
-
-def _folder() -> str:
-    try:
-        return os.getcwd()
-    except OSError:  # it has been removed
-        return ""

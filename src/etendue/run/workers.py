@@ -20,6 +20,7 @@ from typing import Any
 
 import cloudpickle
 
+from etendue import spectra
 from etendue.errors import EtendueError, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
@@ -76,6 +77,8 @@ def serve(pipe: Any) -> None:
             os._exit(0)
         try:
             jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
+            if any("colour-science" in job.stage.libraries for job in jobs):
+                spectra.load_library()  # seconds of imports on a busy machine are nobody's run time
             result = run_batch(
                 jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: pipe.send_bytes(f"@{number}".encode())
             )

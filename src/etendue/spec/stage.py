@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import os
 import stat
 import typing
@@ -35,6 +36,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, ClassVar, TypeVar
 
+from etendue.spec.grid import Bands, Labels, Line
 from etendue.spec.names import unfit_variable
 from etendue.spec.variables import Declaration, parse_declaration
 
@@ -233,6 +235,29 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     if unknown:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)}, which it does not read")
     return tuple(names)
+
+
+def check_class(kind: type[Stage]) -> None:
+    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where it is another."""
+    name, gain, creates = kind.__name__, kind.gain, getattr(kind, "creates", {})
+    number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
+    if gain is not None and not number:
+        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
+    for attribute, words in (("nan", ("error", "keep")), ("negative", ("error", "keep", "clip"))):
+        if getattr(kind, attribute) not in words:
+            raise TypeError(f"{name}.{attribute} is {getattr(kind, attribute)!r}; allowed are {', '.join(map(repr, words))}")
+    if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
+        raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
+    if not isinstance(creates, Mapping) or not all(isinstance(value, Line | Bands | Labels) for value in creates.values()):
+        raise TypeError(f"{name}.creates is {creates!r}; expected dims and their coordinates, such as {{'channel': RGB}}")
+    if not hasattr(kind, "run") and not hasattr(kind, "transfer"):
+        raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
+    rate = getattr(kind, "nanoseconds", 1.0)
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
+        raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
+    for attribute in ("run", "transfer", "grid", "describe", "carry", "error", "negligible", "prepare", "warn", "warn_among"):
+        if hasattr(kind, attribute) and not callable(getattr(kind, attribute)):
+            raise TypeError(f"{name}.{attribute} is {getattr(kind, attribute)!r}; expected a method")
 
 
 def is_source(kind: type[Stage]) -> bool:

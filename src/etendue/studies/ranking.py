@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from etendue.report.crops import Strip, strip
+from etendue.report.terminal import escape
 from etendue.report.work_precision import Point, work_precision
 from etendue.studies.compare import FIGURES, Comparison, Row
 from etendue.studies.files import finite, write_whole
