@@ -114,6 +114,10 @@ def execute(
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
+    from etendue.report import pictures, tables  # noqa: F401  # seconds of imports, while a signal may still end everything
+
+    if archive is not None:
+        import etendue.archive.store
     with interrupts.held():  # signals are answered where nothing is torn
         return _execute(plan, archive, options, progress)
 

@@ -45,7 +45,9 @@ def run_on_cluster(
         raise RequestError(f"--scheduler {address} needs the package distributed: pip install 'etendue[distributed]'") from None
     import logging
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is said once, here
+    for name in ("distributed", *logging.root.manager.loggerDict):  # what is lost is said once, here
+        if name.partition(".")[0] in ("distributed", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = distributed.Client(address, timeout=ANSWER, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
@@ -134,6 +136,7 @@ class _Run:
                 continue
             since.setdefault(number, now)
             if now - since[number] > self.limit * len(self.batches[number].jobs) and self.at_work(self.futures[number]):
+                self.kill_the_worker_of(self.futures[number])
                 self.finish(self.batches[number], self.one_by_one(self.batches[number]))
                 waiting.discard(number)
 
@@ -158,7 +161,6 @@ class _Run:
 
     def one_by_one(self, batch: Batch) -> Any:
         """Every cell of a batch as a task of its own; one of which workers die, or that takes too long, has failed."""
-        self.client.cancel([self.futures[batch.number]], force=True)
         made: dict[CellRef, Any] = {}
         home = {ref: n for n, refs in batch.imports.items() for ref in refs}
         for job in batch.jobs:
@@ -196,9 +198,9 @@ class _Run:
     def kill_the_worker_of(self, future: Any) -> None:
         """A task that runs cannot be stopped but with its worker; a nanny starts another."""
         guilty = [worker for worker, keys in self.client.processing().items() if future.key in keys]
-        future.cancel()
+        future.cancel(force=True)
         if guilty:
-            self.client.restart_workers(guilty, raise_for_error=False)
+            self.client.restart_workers(guilty, timeout=30, raise_for_error=False)
 
     def finish(self, batch: Batch, future: Any) -> None:
         self.futures[batch.number] = future
