@@ -117,7 +117,7 @@ def execute(
     from etendue.report import pictures, tables  # noqa: F401  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
-        import etendue.archive.store
+        from etendue.archive import store  # noqa: F401
     with interrupts.held():  # signals are answered where nothing is torn
         return _execute(plan, archive, options, progress)
 

@@ -96,10 +96,15 @@ def test_in_a_process_of_somebody_else_ctrl_c_is_held_and_given_back():
     before = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        reached = False
-        with pytest.raises(interrupts.Interrupted) as caught, interrupts.held():
-            os.kill(os.getpid(), signal.SIGINT)
-            reached = True
+        reached = []
+
+        def body():
+            with interrupts.held():
+                os.kill(os.getpid(), signal.SIGINT)
+                reached.append(True)
+
+        with pytest.raises(interrupts.Interrupted) as caught:
+            body()
         assert reached and caught.value.exit_code == 130
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         with interrupts.held():

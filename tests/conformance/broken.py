@@ -265,6 +265,13 @@ class WholeOnly(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
+class WithoutCreates(Sound):
+    """Writes a dim which nothing it reads has, and does not say what it is."""
+
+    writes: ClassVar = {"parts": "channel y x [electron]"}
+
+
+@dataclass(frozen=True, kw_only=True)
 class MadeOfThree(Sound):
     """Sound, with a dim that the kit gives three labels of its own."""
 

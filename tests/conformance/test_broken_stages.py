@@ -25,6 +25,7 @@ BROKEN = [
     (broken.NotNegligible, "test_leaving_it_out_is_no_worse_than_negligible_says", "it is said to do little"),
     (broken.Greedy, "test_the_declaration_is_well_formed", r"\*arrays"),
     (broken.Curious, "test_the_declaration_is_well_formed", "weather"),
+    (broken.WithoutCreates, "test_the_declaration_is_well_formed", "give the class creates"),
     (broken.ClipsNothing, "test_the_declaration_is_well_formed", "shrug"),
     (broken.NoValue, "test_it_is_a_value", "not hashable"),
     (broken.BareParameter, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "without param"),

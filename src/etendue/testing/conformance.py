@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from etendue.plan.asking import lacking
 from etendue.run.bands import run_bands
 from etendue.spec.grid import Grid
 from etendue.spec.stage import (
@@ -99,6 +100,11 @@ class StageConformance:
         seen = [d.variable for d in reads.values() if looks(d) not in ("", "transfer")]
         hold(not seen or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may")
         hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
+        if not hasattr(kind, "grid") and not is_source(kind):
+            known = {dim for d in reads.values() for dim in d.dims} | set(getattr(kind, "creates", {})) | {"...", "stage"}
+            for declaration in writes.values():
+                for dim in declaration.dims:
+                    hold(dim in known, lacking(kind, dim, declaration.variable))
         hold(not is_transfer(kind) or len(reads) == 1 == len(writes), f"{name} has transfer: it reads and writes one variable each")
         for library in kind.libraries:
             try:
