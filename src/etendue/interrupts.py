@@ -31,6 +31,7 @@ class _State:
     """What is known of signals in this process."""
 
     owner = 0  # the process whose signals are all answered here; 0: a library in somebody's process
+    answered: tuple[int, ...] = ()
     line = "interrupted"
     noted = 0
     count = 0
@@ -40,12 +41,13 @@ class _State:
 def install() -> None:
     """Answer signals from now on, for as long as the process lives. What the process was started to ignore it goes on ignoring."""
     _State.owner = os.getpid()
+    _State.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
     _arm()
 
 
 def _arm() -> None:
-    for number in _SIGNALS:
-        if signal.getsignal(number) not in (signal.SIG_IGN, _answer):
+    for number in _State.answered:
+        if signal.getsignal(number) is not _answer:
             signal.signal(number, _answer)
 
 

@@ -216,7 +216,9 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "overexposed": floored(outcome.plan, outcome.reports, "_saturated"),
         "failures": [
             {
-                "cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))], "by": outcome.plan.origin(ref), "message": r.message,
+                "cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))],
+                "by": outcome.plan.origin(ref),
+                "message": r.message,
                 "again": replay(outcome.plan, ref),
             }
             for r in outcome.failed

@@ -66,7 +66,6 @@ class Job:
         refs += [ref for port, what, pairs in self.looks_at if what != "transfer" for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
 
-
     def without_stage(self) -> Job:
         """The same job for those who will not compute it: what its stage is cannot be said to another process."""
         return replace(self, stage=Stage(), transfers=(), joined=None, channel_weights=None)

@@ -105,4 +105,3 @@ def as_it_was() -> Iterator[None]:
                 warnings.showwarning = shown
             if folder and here() != folder:
                 os.chdir(folder)
-

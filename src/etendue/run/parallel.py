@@ -60,9 +60,7 @@ def run_parallel(
     _threaded(batches, deliver, before, after, workers, stop, run_batch)
 
 
-def _threaded(
-    batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, workers: int, stop: Stop, runner: Runner
-) -> None:
+def _threaded(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, workers: int, stop: Stop, runner: Runner) -> None:
     import dask.threaded
     from dask.callbacks import Callback
 

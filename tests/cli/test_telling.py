@@ -1,0 +1,75 @@
+"""Foreign text is shown without what a terminal obeys, bounded, and without folders of this machine."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from etendue.errors import ArchiveError, PluginError
+from etendue.report.terminal import _out, _table, escape
+from etendue.telling import LONGEST_LINE, MOST_LINES, foreign, plain, printable, said, told, without_folders
+
+LONGEST = MOST_LINES * (LONGEST_LINE + 40)
+
+
+@given(st.text())
+def test_what_is_shown_holds_no_control_character_and_is_bounded(text):
+    shown = plain(text * 50)
+    assert all(c == "\n" or c.isprintable() or not (ord(c) < 32 or 127 <= ord(c) < 160) for c in shown)
+    assert not set(shown) & set("\u202e\u202d\u2066\u2028\x1b\x00\x07\r")
+    assert len(shown.split("\n")) <= MOST_LINES
+    assert len(shown) <= LONGEST
+
+
+@given(st.text(st.characters(exclude_categories=["C", "Zl", "Zp"], exclude_characters="/\u061c\u200e\u200f"), max_size=LONGEST_LINE))
+def test_ordinary_text_of_any_language_stays_as_it_is(text):
+    assert printable(text) == text == plain(text)
+
+
+def test_lines_that_are_left_out_are_counted_and_the_last_one_stays():
+    shown = plain("\n".join(f"line {i}" for i in range(100))).split("\n")
+    assert len(shown) == MOST_LINES
+    assert shown[-2:] == [f"... ({100 - MOST_LINES + 1} more lines)", "line 99"]
+
+
+def test_folders_of_this_machine_are_not_shown_and_nothing_else_is_taken_for_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    elsewhere = f"{sys.prefix}/share/x.dat"
+    assert without_folders(f"cannot read '{tmp_path}/data/a.csv': no") == "cannot read 'data/a.csv': no"
+    assert without_folders(f"in {elsewhere}:3") == "in x.dat:3"
+    for text in ("W m-2 nm-1/sr", "electron/s", "https://example.org/a/b", "tcp://host:1/x/y", "1/2/3", "a/b/c.py", "/nowhere/at/all"):
+        assert without_folders(text) == text
+
+
+def test_an_exception_is_told_with_its_place_and_its_words_last():
+    try:
+        {}["missing"]
+    except KeyError as error:
+        lines = told(error).split("\n")
+    assert lines[-1] == "KeyError: 'missing'"
+    assert "test_telling.py:" in lines[0] and os.getcwd() not in lines[0]
+    assert said(PermissionError(13, "Permission denied", f"{sys.prefix}/secret")) == "PermissionError: Permission denied: secret"
+
+
+def test_foreign_code_breaks_off_as_a_plugin_error_and_refuses_as_it_is():
+    with pytest.raises(PluginError, match=r"Mine.grid broke off: test_telling.py:\d+, SystemExit: 3"), foreign("Mine.grid"):
+        raise SystemExit(3)
+    for own in (ValueError("too small"), ArchiveError("damaged")):
+        with pytest.raises(type(own), match=str(own)), foreign("Mine.grid"):
+            raise own
+
+
+def test_the_terminal_is_sent_nothing_that_a_file_or_a_plugin_says(capsys):
+    bad = "\x1b[2Jred\x07\u202e[bold]"
+    console = _out()
+    console.print(escape(bad), bad.replace("[bold]", ""))
+    table = _table("t", ("a", "left"))
+    table.add_row(escape(bad))
+    console.print(table)
+    shown = capsys.readouterr().out
+    assert "\x1b" not in shown and "\x07" not in shown and "\u202e" not in shown
+    assert "[bold]" in shown
