@@ -27,8 +27,7 @@ from etendue.physics.transfer import srgb_decode, srgb_encode
 
 DPI, BOX, GAP, LABEL = 100, 256, 12, 34
 DETAIL = (38, 86, 64)  # first row, first column and side of the part that is drawn four times as large: cap, glasses, eyes
-LARGEST = 148_000  # bytes of a file: the palette has 256 colours, or as many fewer as that takes
-WIDTH = 832  # of all pictures in a row
+WIDTH = 720  # of all pictures in a row
 LINE: dict[str, Any] = {"linewidth": 1.8}
 SINC_HALF = 0.603354564  # sin(pi x)/(pi x) is one half: MTF50 of a mean over w is this over w
 GAUSSIAN_HALF = 0.187390625  # sqrt(ln 2 / 2) / pi: MTF50 of a Gaussian is this over sigma
@@ -96,7 +95,7 @@ def stages_of(name: str) -> Callable[..., Figure]:
                 note += f", {MOSAICS[stage]} x as bright"
             panels.append((picture, f"{word}\n{note}"))
         y, x, side = DETAIL
-        side = min(side, WIDTH // len(panels) // 4)  # four pictures are cut to the middle and the top: the file has its limit
+        side = min(side, WIDTH // len(panels) // 4)  # a row has its width: pictures are cut to the middle and the top
         cut = (BOX - 4 * side) // 2
         whole = [picture[: 4 * side, cut : cut + 4 * side] for picture, _ in panels]
         details = [enlarged(picture[y : y + side, x : x + side], 4) for picture, _ in panels]
@@ -257,18 +256,12 @@ FIGURES: dict[str, tuple[Callable[..., Figure], int]] = {  # what draws it, and 
 
 
 def written(figure: Figure, path: Path) -> None:
-    """As a PNG with a palette: a third of the size, and next to no difference that the eye sees."""
+    """As a PNG in true colour: a palette would put contours round heads and into skies, which no camera has made."""
     from PIL import Image
 
     raw = io.BytesIO()
     figure.savefig(raw, format="png")
-    picture = Image.open(raw).convert("RGB")
-    for colours in (256, 192, 128, 96, 64):
-        small = io.BytesIO()
-        picture.quantize(colours, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).save(small, format="PNG", optimize=True)
-        if small.tell() <= LARGEST:
-            break
-    path.write_bytes(small.getvalue())
+    Image.open(raw).convert("RGB").save(path, format="PNG", optimize=True)  # the ground is white: nothing is transparent
 
 
 def main() -> None:
