@@ -299,7 +299,7 @@ def compare(
     its own, and the rank goes by PSNR of the encoded picture. A border of 10 pixels is not counted. MTF50 comes from a second,
     noise-free run of the same camera in front of a slanted edge. Time is that of the stage alone on one thread.
 
-    Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off.
+    Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but one are.
     """
     from etendue.report.terminal import TerminalProgress
     from etendue.session import Options, check_scheduler
@@ -322,7 +322,7 @@ def compare(
         _say({**document(found), "files": [str(path) for path in files]})
     else:
         _show(print_comparison, found, files)
-    sys.exit(3 if found.failed else 0)
+    sys.exit(3 if found.failed or found.lacking else 0)
 
 
 @main.command()

@@ -397,6 +397,27 @@ def test_what_breaks_off_or_refuses_is_a_row_with_the_reason_and_the_others_are_
     assert rows["demosaic_bilinear"].psnr > rows["grey"].psnr
 
 
+@pytest.mark.parametrize(
+    ("values", "code", "left"),
+    [
+        ("RGGB,X-Trans,mono", 3, "the others are refused"),
+        ("RGGB,BGGR,mono", 3, ""),
+        ("RGGB,BGGR", 0, ""),
+        ("RGGB", 0, "it is the only one"),
+    ],
+)
+def test_the_command_says_what_of_the_values_that_were_named_is_not_compared(run, values, code, left):
+    result = run("--axis", f"pattern={values}")
+    assert result.exit_code == code, result.output
+    assert ("nothing to hold it against" in result.output) == bool(left) and left in result.output
+
+
+def test_an_axis_that_is_written_as_a_camera_quantity_is_pointed_to_its_own_name(run):
+    result = run("--axis", "camera.f_number=2,4")
+    assert result.exit_code == 2 and "--axis f_number=" in result.output
+    assert "did you mean 'f_number'" in run("--axis", "f_numbr").output
+
+
 def test_a_table_gives_an_alternative_its_parameters(registry):
     rows, _ = rows_of('demosaic.use=grey,{ use = "grey", offset = 0.5, label = "lifted" }, { use = "reads_more" }', expected=True)
     assert rows["lifted"].psnr < rows["grey"].psnr - 3

@@ -15,6 +15,7 @@ from typing import Any
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.plan.model import Node
 from etendue.registry import Registry
+from etendue.spec import camera
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Probe, is_transfer, reads_of, writes_of
 
@@ -97,12 +98,16 @@ def check_axis(asked: Asked, pipeline: Pipeline) -> None:
     place = f"--axis {asked.key}"
     if not asked.stage and asked.key in names and asked.values is None:
         raise RequestError([Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file)
+    if asked.stage == "camera" and "camera" not in names:
+        own = asked.key.removeprefix("camera.")
+        raise RequestError([Fault(place, f"a camera quantity is an axis by its own name: --axis {own}=VALUE,VALUE,..")], pipeline.file)
     if asked.stage and asked.stage not in names:
         uses = {entry.use: entry.name for entry in pipeline.stages}
         hint = f"; {asked.stage} is named {uses[asked.stage]!r} here" if asked.stage in uses else nearest(asked.stage, names)
         raise RequestError([Fault(place, f"there is no stage named {asked.stage!r}{hint}")], pipeline.file)
     if asked.values is None and not asked.swaps:
-        raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..")], pipeline.file)
+        known = "" if asked.stage or asked.key in camera.names() else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
+        raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file)
 
 
 def check_writes(asked: Asked, node: Node, registry: Registry) -> None:

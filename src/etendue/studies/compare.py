@@ -84,12 +84,19 @@ class Comparison:
     units: str = ""  # of the axis
     rank_by: str = "psnr"  # the figure that rows are ranked by
     own_reference: bool = False  # whether each value has a reference of its own
+    named: bool = False  # whether the values were asked for one by one, not found among what is installed
     pictures: dict[int, Any] = field(default_factory=dict)  # by position: (3, y, x), encoded
     reference_pictures: dict[int, Any] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
         return any(row.status == "failed" for row in self.rows)
+
+    @property
+    def lacking(self) -> bool:
+        """Whether a value that was asked for is refused, or all of several but one: what was asked was not compared."""
+        refused, left = (sum((row.status == "refused") == which for row in self.rows) for which in (True, False))
+        return refused > 0 and (self.named or left < 2)
 
 
 def compare(
@@ -165,11 +172,13 @@ def compare(
     known = {row.position: references[row.position] for row in rows if row.position is not None and references[row.position] is not None}
     shown = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in known}
     notes += [*_on_the_references(known, shown, branched, asked), *reader.shared_faults()]
+    if len(rows) - sum(row.status == "refused" for row in rows) == 1:
+        notes.insert(0, f"there is nothing to hold it against: {'the others are refused' if len(rows) > 1 else 'it is the only one'}")
     return Comparison(
         pipeline.name, asked.key, rows, branched.linear.ours, branched.linear.reference, branched.without,
         "expected values, without noise and rounding" if expected else "1 frame, the same draws for all where they stand behind the noise",
         tuple(next(iter(known.values())).shape[-2:]), at, notes, first, reader.axis.units, by, reader.own_reference,
-        *reader.pictures(branched, measured),
+        asked.values is not None, *reader.pictures(branched, measured),
     )  # fmt: skip
 
 
