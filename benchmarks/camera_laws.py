@@ -44,6 +44,8 @@ EXPOSING = (
 UNEVEN = ("falloff", "vignetting", "angular", "distortion", "defects", "shading")  # slots that make a uniform plane uneven
 SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
 LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
+MATRIX = "fit.colour_matrix"
+STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
 GREY = 2e-3
 WHITE = 1e-6
 
@@ -193,7 +195,7 @@ def same_white(made: Document) -> bool:
 def grey_over(document: Document, axis: str) -> Document:
     """A grey card at seven times, or in seven lights."""
     now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
-    made = uniform(twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED], axis, [now * k for k in TIMES]))
+    made = uniform(twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES]))
     if "." in axis:
         made["stages"][0].pop("white_luminance")
     return made
@@ -202,7 +204,9 @@ def grey_over(document: Document, axis: str) -> Document:
 def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     what = "time" if "integration_time" in made["sweep"] else "light"
     mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, "encode", "rgb_display")
-    yield from monotone(display, "encode.rgb_display of a grey card", what)
+    largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
+    behind = f" behind a colour matrix of up to {largest:.1g}" if largest > STEEP else ""
+    yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what)
     if array(tree, *LIFTED.split(".")).any():
         return
     apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
@@ -215,10 +219,10 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
             seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))
             share = float((mosaic[step] >= 1 - 1e-6).mean())
             state = "with all clipped" if share == 1 else "with nothing clipped" if share == 0 else "with a part clipped"
-            yield Broken("neutral", f"a grey card {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart")
+            yield Broken("neutral", f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart")
             break
     clipped = np.broadcast_to((mosaic >= 1 - 1e-6).all(axis=(1, 2), keepdims=True), mosaic.shape)
-    yield from white(display, clipped)
+    yield from white(display, clipped, behind)
 
 
 def monotone(found: Any, place: str, what: str) -> Iterator[Broken]:
@@ -233,14 +237,14 @@ def monotone(found: Any, place: str, what: str) -> Iterator[Broken]:
         )
 
 
-def white(display: Any, clipped: Any) -> Iterator[Broken]:
+def white(display: Any, clipped: Any, behind: str = "") -> Iterator[Broken]:
     """(time, channel, y, x) where (time, y, x) says that all of the support is clipped."""
     away = np.abs(display - 1).max(axis=1)
     away = np.where(clipped, away, 0)
     if away.size and away.max() > WHITE:
         step, row, column = np.unravel_index(int(away.argmax()), away.shape)
         seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
-        yield Broken("white", f"all of its support is clipped, and a pixel is ({seen}) at x {TIMES[step]:g}")
+        yield Broken("white", f"all of its support is clipped, and a pixel{behind} is ({seen}) at x {TIMES[step]:g}")
 
 
 # -------------------------------------------------------------------------------------------------- flux, light

@@ -77,7 +77,7 @@ class Drawn:
         """A value in the declared range; the default where nothing is known to draw."""
         if parameter.choices:
             return self.one_of(parameter.choices)
-        if name in SPACES:
+        if name in SPACES and kind is str:
             return self.one_of((*rgb_space_names(), *tables("display")))
         if kind is bool:
             return self.chance(0.5)
@@ -292,6 +292,10 @@ class Drawn:
             given["file"] = self.file("psf.csv").name
         elif use == "lens_psf_field":
             given["file"] = self.bank(spacing)
+        elif use == "wavefront" and self.chance(0.7):
+            given["aperture"], given["obstruction"] = "circular", None
+        elif use == "wavefront":
+            given["aperture"], given["obstruction"] = "annular", self.between(0.1, 0.6)
         elif use == "lens_gaussian":
             given["sigma"] = spacing * self.between(0.1, 4)
         self.add("lens", use, **given)

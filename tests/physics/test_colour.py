@@ -163,6 +163,26 @@ def test_a_kept_white_is_exact_and_costs_residual(seed):
     assert_allclose(free.residual, np.sqrt(np.mean(error**2)), rtol=1e-13)
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-12, 1e-9])
+def test_channels_that_are_alike_to_rounding_make_no_matrix_of_it(apart):
+    """Three filters that see the same: what distinguishes them is rounding, and a matrix of 1/rounding would draw it in colours."""
+    rng = np.random.default_rng(5)
+    samples = rng.uniform(0.1, 1, (24, 1)) * np.ones(3) + apart * rng.normal(size=(24, 3))
+    targets = samples @ rng.normal(size=(3, 3))
+    for white in ((), (np.ones(3), np.ones(3))):
+        with pytest.raises(ValueError, match="span"):
+            colour.fit_matrix(samples, targets, *white)
+
+
+@pytest.mark.parametrize("apart", [1e-5, 1e-2])
+def test_channels_that_differ_by_more_than_rounding_make_one_no_larger_than_they_need(apart):
+    rng = np.random.default_rng(6)
+    samples = rng.uniform(0.1, 1, (24, 1)) * np.ones(3) + apart * rng.normal(size=(24, 3))
+    matrix = rng.normal(size=(3, 3))
+    fit = colour.fit_matrix(samples, samples @ matrix.T, np.ones(3), matrix @ np.ones(3))
+    assert_allclose(fit.matrix, matrix, rtol=0, atol=1e-14 / apart)  # rounding over what tells the channels apart
+
+
 def test_constants_cannot_be_written():
     for matrix in (colour.RGB_TO_XYZ_PAL, colour.EQ16_AS_PRINTED, *colour.TRANSFORMS.values()):
         with pytest.raises(ValueError, match="read-only"):

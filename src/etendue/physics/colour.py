@@ -17,6 +17,7 @@ Matrix = NDArray[np.float64]
 D65_XY = (0.3127, 0.3290)
 PAL_PRIMARIES_XY = ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06))  # ITU-R BT.470-6 system B, G (625 lines), EBU
 SRGB_PRIMARIES_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))  # IEC 61966-2-1 and ITU-R BT.709
+LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less are alike
 
 
 class MatrixFit(NamedTuple):
@@ -172,7 +173,8 @@ def fit_matrix(
     ------
     ValueError
         If shapes do not fit, values are not finite, a white is missing or black, or the samples leave the
-        matrix undetermined.
+        matrix undetermined: they differ by less than 1e-7 of their size along some direction that the white leaves free.
+        Elements would be 1e7 and more, and pictures in single precision, rounded to 6e-8, would have the colours of their rounding.
 
     Notes
     -----
@@ -202,7 +204,9 @@ def fit_matrix(
     if ridge > 0:
         design = np.concatenate([design, np.sqrt(ridge * len(samples)) * np.eye(freedoms)])
         wanted_rest = np.concatenate([wanted_rest, np.zeros((freedoms, 3))])
-    steps, _, rank, _ = np.linalg.lstsq(design, wanted_rest, rcond=1e-12)
+    # Channels that are alike leave differences of rounding alone, of full rank among themselves: the samples' own size is the measure.
+    rank = int(np.count_nonzero(np.linalg.svd(design, compute_uv=False) > LEAST_SPAN * np.linalg.norm(samples, 2)))
+    steps = np.linalg.lstsq(design, wanted_rest, rcond=1e-12)[0]
     if rank < freedoms:
         raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all")
     transposed = fixed + free @ steps
