@@ -2,6 +2,8 @@
 
 import ast
 import importlib.metadata
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -141,3 +143,19 @@ def test_a_policy_is_one_of_those_the_engine_knows():
         assert kind.negative in ("error", "keep", "clip"), name
         assert kind.nan in ("error", "keep"), name
         assert kind.gain is None or kind.gain >= 0, name
+
+
+def test_what_commands_make_in_a_checkout_is_no_change_of_it():
+    """Archives by the names of the pipelines, and what README and docs export and compare into."""
+    inside = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True) if shutil.which("git") else None
+    if inside is None or not inside.stdout:
+        pytest.skip("no checkout")
+    names = [tomllib.loads(path.read_text())["name"] for path in (ROOT / "pipelines").glob("*.toml")]
+    texts = [path.read_text() for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))]
+    names += [name for text in texts for name in re.findall(r"^\$? ?etendue .*(?:--archive|--output|-o) (\w[\w.]*)", text, flags=re.M)]
+    names += [f"{name}-export" for name in names] + ["paper_physical-compare-demosaic", ".venv-test"]
+    made = [f"{name}/" if "." not in name.lstrip(".") else name for name in names]
+    seen = subprocess.run(["git", "check-ignore", *made], cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
+    assert set(made) - set(seen) == set()
+    ours = subprocess.run(["git", "ls-files", "-i", "-c", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True).stdout
+    assert ours == ""

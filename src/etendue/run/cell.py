@@ -216,7 +216,9 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
     else:
-        result, arrays = Result(), job.stage.run(**_arguments(job, results, clipped))  # type: ignore[attr-defined]
+        given = _arguments(job, results, clipped)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
+            result, arrays = Result(), job.stage.run(**given)  # type: ignore[attr-defined]
     if arrays or not is_transfer(type(job.stage)):
         arrays = check(job, arrays)
         result.lowest = _undefined(job, arrays)
