@@ -21,7 +21,7 @@ from etendue.errors import ArchiveError, RequestError, nearest
 from etendue.plan import planner
 from etendue.plan.machine import check_machine
 from etendue.plan.model import CellRef, Plan
-from etendue.plan.resume import select, with_stored_values
+from etendue.plan.resume import select
 from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
@@ -126,14 +126,14 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
     check_machine(plan, Path(archive) if archive is not None else None)
     if archive is None:
         return _in_memory(plan, options, progress)
-    from etendue.archive import inputs, provenance
+    from etendue.archive import inputs, keeping, provenance
     from etendue.archive.store import Archive
 
     began = time.perf_counter()
     asked = plan
     with Archive(Path(archive), options.durable) as store:
-        plan, stay, pruned = _with_stored(asked, store, options.prune)
-        requested = _same_cells(asked, plan)
+        plan, stay, pruned = keeping.with_stored(asked, store, options.prune)
+        requested = keeping.same_cells(asked, plan)
         store.use(plan)
         old, entries = store.record, store.journal.entries
         _check_platform(store, old, options, provenance.platform_record())
@@ -247,7 +247,7 @@ def _merge_journal(outcome: Outcome, store: Any) -> None:
     for ref in outcome.reused:
         entry = store.journal.entries.get(store.names[ref])
         if entry is not None and ref not in outcome.reports and entry.event == "done":
-            kept = {chunk.path for chunk in store.chunk_paths(outcome.plan.cells[ref])}
+            kept = {chunk.path for chunk in store.laid.chunk_paths(outcome.plan.cells[ref])}
             files = tuple(file for file in entry.files if file.path in kept)
             outcome.reports[ref] = CellReport(
                 *ref, "reused", entry.seconds, files, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored
@@ -331,42 +331,6 @@ def check_timeout(options: Options) -> None:
     if options.cell_timeout is not None and options.scheduler in ("serial", "threads"):
         what = f"with --scheduler {options.scheduler} nothing can stop a cell"
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
-
-
-def _with_stored(asked: Plan, store: Any, prune: bool) -> tuple[Plan, list[str], int]:
-    """The plan over what an archive holds as well; the stages kept for that reason alone, and how many cells are given up.
-
-    Raises
-    ------
-    ArchiveError
-        Finished results would be lost, and nobody has asked for that.
-    """
-    from etendue.archive import keeping
-    from etendue.archive.inputs import sweep_of
-    from etendue.archive.provenance import records
-
-    swapped = any(axis.key.endswith(".use") for axis in asked.axes)
-    sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
-    plan = with_stored_values(asked, store.journal.axes, sweeps)
-    if not _same_cells(asked, plan):
-        plan = asked
-    store.check_stages(plan)
-    entries, stored = store.journal.entries, store.stored()
-    if prune:
-        return plan, [], sum(keeping.pruned(plan, entries, stored).cells.values())
-    plan, stay, lost = keeping.staying(plan, entries, stored)
-    if lost.cells:
-        lost.refuse(str(store.folder))
-    return plan, stay, 0
-
-
-def _same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
-    """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
-    from etendue.archive.layout import cell_name
-
-    by_name = {cell_name(plan, ref): ref for ref in plan.cells}
-    found = {ref: by_name.get(cell_name(asked, ref)) for ref in asked.cells}
-    return {} if None in found.values() else found  # type: ignore[return-value]
 
 
 def _by_stage(refs: Iterable[CellRef]) -> dict[str, int]:

@@ -55,7 +55,8 @@ def test_what_keep_no_longer_names_stays_while_it_is_right(copy, whole, place):
 
 def test_what_keep_no_longer_names_and_is_wrong_now_is_asked_about(copy, place, capsys):
     before = {p: p.read_bytes() for p in copy.rglob("*") if p.is_file()}
-    arguments = ["run", str(tiny_file(place)), "--archive", str(copy), "--set", 'keep=["pixel"]', "--set", "camera.transmittance=0.5", "--quiet"]
+    asked = ["--set", 'keep=["pixel"]', "--set", "camera.transmittance=0.5"]
+    arguments = ["run", str(tiny_file(place)), "--archive", str(copy), *asked, "--quiet"]
     with pytest.raises(SystemExit) as stopped:
         main(arguments, prog_name="etendue")
     said = capsys.readouterr().err

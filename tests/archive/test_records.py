@@ -95,8 +95,8 @@ def plan_from(path, words):
 
 
 def assert_same_plan(first, second):
-    assert {cell_name(first, ref): c.key for ref, c in first.cells.items()} == {cell_name(second, ref): c.key for ref, c in second.cells.items()}
-    assert {cell_name(first, ref): c.seed for ref, c in first.cells.items()} == {cell_name(second, ref): c.seed for ref, c in second.cells.items()}
+    one, other = ({cell_name(plan, ref): (cell.key, cell.seed) for ref, cell in plan.cells.items()} for plan in (first, second))
+    assert one == other
     assert (first.kept, first.wanted, first.precision, first.camera.keys()) == (
         second.kept, second.wanted, second.precision, second.camera.keys(),
     )  # fmt: skip

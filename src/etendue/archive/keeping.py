@@ -9,10 +9,44 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from etendue.archive.inputs import sweep_of
 from etendue.archive.journal import Entry
 from etendue.archive.layout import cell_name
+from etendue.archive.provenance import records
+from etendue.archive.store import Archive
 from etendue.errors import ArchiveError
-from etendue.plan.model import Plan
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.resume import with_stored_values
+
+
+def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[str], int]:
+    """The plan over what an archive holds as well; the stages kept for that reason alone, and how many cells are given up.
+
+    Raises
+    ------
+    ArchiveError
+        It was made with other stages or axes; finished results would be lost, and nobody has asked for that.
+    """
+    swapped = any(axis.key.endswith(".use") for axis in asked.axes)
+    sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
+    plan = with_stored_values(asked, store.journal.axes, sweeps)
+    if not same_cells(asked, plan):
+        plan = asked
+    store.check_stages(plan)
+    entries, stored = store.journal.entries, store.stored()
+    if prune:
+        return plan, [], sum(pruned(plan, entries).cells.values())
+    plan, stay, lost = staying(plan, entries, stored)
+    if lost.cells:
+        lost.refuse(str(store.folder))
+    return plan, stay, 0
+
+
+def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
+    """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
+    by_name = {cell_name(plan, ref): ref for ref in plan.cells}
+    found = {ref: by_name.get(cell_name(asked, ref)) for ref in asked.cells}
+    return {} if None in found.values() else found  # type: ignore[return-value]
 
 
 @dataclass
@@ -66,7 +100,7 @@ def staying(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str
     return replace(plan, kept=frozenset(kept)), stay, lost
 
 
-def pruned(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str]]) -> Lost:
+def pruned(plan: Plan, entries: Mapping[str, Entry]) -> Lost:
     """What goes when only what a run keeps is to stay."""
     names = {cell_name(plan, ref) for ref in plan.cells}
     gone = Lost()

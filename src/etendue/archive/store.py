@@ -25,23 +25,20 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from etendue.archive import disk
-from etendue.archive.chunks import CellFiles, ChunkFile
+from etendue.archive import disk, frames
+from etendue.archive.chunks import CellFiles
+from etendue.archive.frames import FRAMES
 from etendue.archive.journal import Entry, Journal, fit, is_done
-from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
+from etendue.archive.laid import Laid, chunks_at
 from etendue.archive.manifest import DATA, digest_of, read_manifest, write_manifest
 from etendue.archive.provenance import latest_record, record_paths
-from etendue.archive.tree import ROOT, Tree, incompatible
+from etendue.archive.tree import ROOT, incompatible
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
-from etendue.plan.cost import LARGEST_WHOLE
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.names import TABLES
 from etendue.spec.ports import CellReport
 
 ABANDONED = "abandoned"  # in place of the owner's id: a stage did not end when the run was interrupted
-FRAMES = "frames"
 CHUNK = re.compile(r"c(\.\d+)*")
 
 
@@ -60,7 +57,6 @@ class Archive:
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.run_id = uuid.uuid4().hex
-        self.tree = Tree()
 
     # -- opening --------------------------------------------------------------------------------------
 
@@ -144,20 +140,8 @@ class Archive:
         ArchiveError
             Somebody else's things stand in the place of the plan's.
         """
-        self.plan = plan
-        self.layout: Layout = layout_of(plan)
-        self.names: dict[CellRef, str] = {ref: cell_name(plan, ref) for ref in plan.cells}
-        self.axes: dict[str, dict[str, list[Any]]] = {}  # axis values by group as stored: those of earlier runs first
-        self.places: dict[str, list[list[int]]] = {}  # by group and axis: where the plan's values are among the stored ones
-        for path, group in self.layout.groups.items():
-            stored = self.journal.axes.get(path, {})
-            own = {dim: list(stored.get(dim, ())) for dim in group.axes}
-            for dim, values in group.axes.items():
-                known = set(own[dim])
-                own[dim] += [v for v in values if v not in known]
-            self.axes[path] = own
-            self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
-        self.nodes = _nodes(self.layout)
+        self.plan, self.laid = plan, Laid(plan, self.journal.axes)
+        self.layout, self.names, self.nodes = self.laid.layout, self.laid.names, self.laid.nodes
         self._refuse_strangers({node.name for node in plan.nodes})
         for node in self.nodes:
             if self.listing.has(f"{DATA}/{node}"):
@@ -205,7 +189,7 @@ class Archive:
         entry = self.journal.entries.get(self.names[ref])
         if entry is None or not is_done(entry, cell.key):
             return False
-        paths = [chunk.path for chunk in self.chunk_paths(cell)]
+        paths = [chunk.path for chunk in self.laid.chunk_paths(cell)]
         if fit(entry, paths, self.folder):
             return True
         if {file.path for file in entry.files} & set(paths):  # else it was computed, and not kept
@@ -214,7 +198,7 @@ class Archive:
 
     def has_files(self, ref: CellRef) -> bool:
         """Whether anything of a cell is stored, right or not."""
-        return any((self.folder / chunk.path).exists() for chunk in self.chunk_paths(self.plan.cells[ref]))
+        return any((self.folder / chunk.path).exists() for chunk in self.laid.chunk_paths(self.plan.cells[ref]))
 
     # -- beginning ------------------------------------------------------------------------------------
 
@@ -226,38 +210,24 @@ class Archive:
         self.journal.open()
         disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
         names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
-        earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.axes}
+        earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
         planned = set(self.names.values())
         left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
         left += [name for name, entry in self.journal.entries.items() if name not in planned and entry.event == "done"]
         self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
-        self._make_tree(todo)
+        self.tree = self.laid.tree(self.journal.entries, todo)
         self._say_what_was_damaged()
         disk.remove(self.folder, "manifest.json")
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
         self._sweep()
         self._drop_unplanned(set(finished))
         self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
-        self.journal.set_axes(self.axes)
+        self.journal.set_axes(self.laid.axes)
         for ref in outdated:
-            for chunk in self.chunk_paths(self.plan.cells[ref]):
+            for chunk in self.laid.chunk_paths(self.plan.cells[ref]):
                 disk.remove(self.folder, chunk.path)
         self._put(self.tree.files())
-
-    def _make_tree(self, todo: Collection[CellRef]) -> None:
-        """Everything in the store that the plan knows, tables aside."""
-        axes = {node.name: list(node.axes) for node in self.plan.nodes}
-        attrs: dict[str, Any] = {"etendue": {"format": 1, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
-        if self.plan.pipeline.variant:
-            attrs["variant"] = self.plan.pipeline.variant
-        self.tree.put_group("", attrs)
-        for path, node_attrs in self.layout.parents.items():
-            self.tree.put_group(path, node_attrs)
-        for path, group in self.layout.groups.items():
-            self.tree.put_group(path, group.attrs)
-            self._lay_out(path, group)
-        self._put_status(set(todo))
 
     def _say_what_was_damaged(self) -> None:
         """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
@@ -306,7 +276,7 @@ class Archive:
                     fresh.add(name)
             allowed: dict[str, set[str]] = {f"{DATA}/{path}/{name}": set() for name in group.variables}
             for ref, index in group.cells.items():
-                for chunk in _chunks(path, group, self._place(path, index)):
+                for chunk in chunks_at(path, group, self.laid.place(path, index)):
                     if chunk.variable not in fresh or ref in finished:
                         folder, _, file = chunk.path.rpartition("/")
                         allowed[folder].add(file)
@@ -341,54 +311,8 @@ class Archive:
             if _bytes(self.folder / DATA / path) != files[path]:
                 disk.write(self.folder, f"{DATA}/{path}", files[path], self.durable)
 
-    # -- arrays ---------------------------------------------------------------------------------------
-
-    def _lay_out(self, path: str, layout: GroupLayout) -> None:
-        merged = self.axes[path]
-        for name, coordinate in layout.coordinates.items():
-            values, attrs = coordinate.values, dict(coordinate.attrs)
-            if name in merged:
-                values = merged[name]
-                if not any(isinstance(v, str) for v in values) and values not in (sorted(values), sorted(values, reverse=True)):
-                    attrs["order"] = "as the sweep grew; sort with .sortby"
-            elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
-                values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
-            if name not in layout.variables:
-                self.tree.put_array(path, name, values, coordinate.dims, attrs)
-        for variable in layout.variables.values():
-            self._lay_out_variable(path, layout, variable, merged)
-
-    def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
-        """Positions along axes that have grown: those of the plan in their place, others missing like their cells."""
-        merged, places = self.axes[path], dict(zip(self.axes[path], self.places[path], strict=True))
-        whole = np.full((*(len(merged[axis]) for axis in axes), own.shape[-1]), np.nan)
-        whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own
-        return whole
-
-    def _lay_out_variable(self, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]) -> None:
-        sizes = tuple(len(values) for values in merged.values())
-        shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
-        beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
-        attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
-        own = tuple(max(n, 1) for n in variable.shape)
-        if by_band(variable):
-            own = (1, *own[1:])
-        self.tree.put_cells(path, variable.name, shape, (*(1 for _ in sizes), *own), variable.dtype, dims, attrs)
-
-    def _place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
-        """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
-        return tuple(places[i] for places, i in zip(self.places[path], index, strict=True))
-
-    def chunk_paths(self, cell: Cell) -> tuple[ChunkFile, ...]:
-        """The chunk files of a cell's kept variables."""
-        path = self.layout.home.get(cell.ref)
-        if path is None:
-            return ()
-        group = self.layout.groups[path]
-        return _chunks(path, group, self._place(path, group.cells[cell.ref]))
-
     def target(self, cell: Cell) -> CellFiles:
-        return CellFiles(str(self.folder), self.run_id, self.chunk_paths(cell), self.durable)
+        return CellFiles(str(self.folder), self.run_id, self.laid.chunk_paths(cell), self.durable)
 
     # -- progress of a run ----------------------------------------------------------------------------
 
@@ -402,7 +326,7 @@ class Archive:
             ref = (report.stage, report.index)
             event = "done" if report.status in ("done", "left_out") else "failed"
             if event == "failed":
-                for chunk in self.chunk_paths(self.plan.cells[ref]):
+                for chunk in self.laid.chunk_paths(self.plan.cells[ref]):
                     disk.remove(self.folder, chunk.path)
             told = (report.written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
             lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
@@ -410,29 +334,15 @@ class Archive:
 
     # -- closing --------------------------------------------------------------------------------------
 
-    def _put_status(self, todo: Collection[CellRef] = ()) -> None:
-        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
-        for path, layout in self.layout.groups.items():
-            status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
-            for ref, index in layout.cells.items():
-                entry = self.journal.entries.get(self.names[ref])
-                if ref not in todo and entry is not None and entry.key == self.plan.cells[ref].key and entry.event != "start":
-                    status[self._place(path, index)] = STATUS.index(entry.status)
-            self.tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
-
     def _frames(self) -> dict[str, bytes]:
         """The files of the pictures of an earlier run; none where they are not whole."""
         folder = f"{DATA}/{FRAMES}"
         files = {path.removeprefix(f"{DATA}/"): _bytes(self.folder / path) or b"" for path in self.listing.below(folder)}
-        attrs = _attributes(files)
-        own = Tree()
-        own.put_group(FRAMES, attrs)
-        whole = own.held.items() <= files.items() and attrs.get("digest") == _digest(files)
-        return files if whole else {}
+        return files if frames.whole(files) else {}
 
     def shown(self) -> Any:
         """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
-        return _attributes(self._frames()).get("shown")
+        return frames.attributes(self._frames()).get("shown")
 
     def sheet_is_whole(self) -> bool:
         """Whether the contact sheet of an earlier run is there as it was written."""
@@ -444,7 +354,7 @@ class Archive:
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Write status and tables, then consolidate: readers see a finished run or the one before."""
-        self._put_status()
+        self.laid.put_status(self.tree, self.journal.entries)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:
@@ -455,7 +365,7 @@ class Archive:
             attrs = dict(tables[name].get("attrs", {}))
             self.tree.put_group(name, attrs)
             if name == FRAMES:  # which is not made again by every run
-                self.tree.put_group(name, {**attrs, "digest": _digest(self.tree.files(name))})
+                self.tree.take(frames.sealed(self.tree.files(name), attrs))
             own = self.tree.files(name)
             stale = [node for node in self._nodes_on_disk(name) if f"{node}/{ROOT}" not in own and node in self.ours]
             for node in sorted(stale, key=lambda node: -node.count("/")):
@@ -489,54 +399,3 @@ def _bytes(path: Path) -> bytes | None:
         return None
     except IsADirectoryError:
         raise disk.in_place_of_file(path.parent, path.name) from None
-
-
-def _attributes(files: Mapping[str, bytes]) -> dict[str, Any]:
-    """The attributes of the pictures."""
-    try:
-        found = json.loads(files.get(f"{FRAMES}/{ROOT}", b"{}"))["attributes"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def _digest(files: Mapping[str, bytes]) -> str:
-    """Of all the pictures and what is said of them: it stands in their own attributes."""
-    said = {name: value for name, value in _attributes(files).items() if name != "digest"}
-    found = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
-    for path in sorted(files):
-        if path != f"{FRAMES}/{ROOT}":
-            found.update(f"{path} {hashlib.sha256(files[path]).hexdigest()}\n".encode())
-    return found.hexdigest()
-
-
-def _nodes(layout: Layout) -> set[str]:
-    """Every group and array of a layout, by path."""
-    found = {*layout.parents, *layout.groups}
-    for path, group in layout.groups.items():
-        found |= {f"{path}/{name}" for name in (*group.variables, *group.coordinates, "status")}
-    return found
-
-
-def _positions(stored: list[Any], values: list[Any]) -> list[int]:
-    where = {value: i for i, value in enumerate(stored)}
-    return [where[value] for value in values]
-
-
-def by_band(variable: VariableLayout) -> bool:
-    """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
-    size = int(np.prod(variable.shape)) * np.dtype(variable.dtype).itemsize
-    return variable.dims == ("wavelength", "y", "x") and size > LARGEST_WHOLE
-
-
-def _chunks(path: str, group: GroupLayout, place: tuple[int, ...]) -> tuple[ChunkFile, ...]:
-    """The chunk files at one position of the axes of a group."""
-    chunks = []
-    for variable in group.variables.values():
-        banded = by_band(variable)
-        for band in range(variable.shape[0]) if banded else [None]:
-            own = [band or 0, *[0] * (len(variable.shape) - 1)] if variable.shape else []
-            where = ".".join(["c", *map(str, [*place, *own])])
-            shape = variable.shape if band is None else variable.shape[1:]
-            chunks.append(ChunkFile(variable.name, f"{DATA}/{path}/{variable.name}/{where}", variable.dtype, shape, band))
-    return tuple(chunks)

@@ -1,0 +1,149 @@
+"""A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the cells.
+
+In:  a plan, the axis values of earlier runs by group.
+Out: groups, places and chunk files of cells; the store in memory (``tree``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from etendue.archive.chunks import ChunkFile
+from etendue.archive.journal import Entry
+from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
+from etendue.archive.manifest import DATA
+from etendue.archive.tree import Tree
+from etendue.plan.cost import LARGEST_WHOLE
+from etendue.plan.model import Cell, CellRef, Plan
+
+
+class Laid:
+    """A plan in its places.
+
+    Attributes
+    ----------
+    names : the name of each cell in the journal
+    axes : axis values by group as stored: those of earlier runs first
+    places : by group and axis, where the plan's values are among the stored ones
+    nodes : every group and array, by path
+    """
+
+    def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]) -> None:
+        self.plan = plan
+        self.layout: Layout = layout_of(plan)
+        self.names: dict[CellRef, str] = {ref: cell_name(plan, ref) for ref in plan.cells}
+        self.axes: dict[str, dict[str, list[Any]]] = {}
+        self.places: dict[str, list[list[int]]] = {}
+        for path, group in self.layout.groups.items():
+            own = {dim: list(stored.get(path, {}).get(dim, ())) for dim in group.axes}
+            for dim, values in group.axes.items():
+                known = set(own[dim])
+                own[dim] += [v for v in values if v not in known]
+            self.axes[path] = own
+            self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
+        self.nodes = _nodes(self.layout)
+
+    def tree(self, entries: Mapping[str, Entry], todo: Collection[CellRef]) -> Tree:
+        """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever is stored."""
+        axes = {node.name: list(node.axes) for node in self.plan.nodes}
+        tree = Tree()
+        attrs: dict[str, Any] = {"etendue": {"format": 1, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
+        if self.plan.pipeline.variant:
+            attrs["variant"] = self.plan.pipeline.variant
+        tree.put_group("", attrs)
+        for path, node_attrs in self.layout.parents.items():
+            tree.put_group(path, node_attrs)
+        for path, group in self.layout.groups.items():
+            tree.put_group(path, group.attrs)
+            self._lay_out(tree, path, group)
+        self.put_status(tree, entries, todo)
+        return tree
+
+    def put_status(self, tree: Tree, entries: Mapping[str, Entry], todo: Collection[CellRef] = ()) -> None:
+        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
+        for path, layout in self.layout.groups.items():
+            status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
+            for ref, index in layout.cells.items():
+                entry = entries.get(self.names[ref])
+                if ref not in todo and entry is not None and entry.key == self.plan.cells[ref].key and entry.event != "start":
+                    status[self.place(path, index)] = STATUS.index(entry.status)
+            tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
+
+    def _lay_out(self, tree: Tree, path: str, layout: GroupLayout) -> None:
+        merged = self.axes[path]
+        for name, coordinate in layout.coordinates.items():
+            values, attrs = coordinate.values, dict(coordinate.attrs)
+            if name in merged:
+                values = merged[name]
+                if not any(isinstance(v, str) for v in values) and values not in (sorted(values), sorted(values, reverse=True)):
+                    attrs["order"] = "as the sweep grew; sort with .sortby"
+            elif coordinate.dims[:-1] and coordinate.dims[0] in merged:
+                values = self._grown_positions(path, coordinate.dims[:-1], np.asarray(values, dtype=float))
+            if name not in layout.variables:
+                tree.put_array(path, name, values, coordinate.dims, attrs)
+        for variable in layout.variables.values():
+            self._lay_out_variable(tree, path, layout, variable, merged)
+
+    def _grown_positions(self, path: str, axes: tuple[str, ...], own: Any) -> Any:
+        """Positions along axes that have grown: those of the plan in their place, others missing like their cells."""
+        merged, places = self.axes[path], dict(zip(self.axes[path], self.places[path], strict=True))
+        whole = np.full((*(len(merged[axis]) for axis in axes), own.shape[-1]), np.nan)
+        whole[np.ix_(*(places[axis] for axis in axes), range(own.shape[-1]))] = own
+        return whole
+
+    def _lay_out_variable(self, tree: Tree, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]) -> None:
+        sizes = tuple(len(values) for values in merged.values())
+        shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
+        beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
+        attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
+        own = tuple(max(n, 1) for n in variable.shape)
+        if by_band(variable):
+            own = (1, *own[1:])
+        tree.put_cells(path, variable.name, shape, (*(1 for _ in sizes), *own), variable.dtype, dims, attrs)
+
+    def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
+        """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
+        return tuple(places[i] for places, i in zip(self.places[path], index, strict=True))
+
+    def chunk_paths(self, cell: Cell) -> tuple[ChunkFile, ...]:
+        """The chunk files of a cell's kept variables."""
+        path = self.layout.home.get(cell.ref)
+        if path is None:
+            return ()
+        group = self.layout.groups[path]
+        return chunks_at(path, group, self.place(path, group.cells[cell.ref]))
+
+
+def _nodes(layout: Layout) -> set[str]:
+    """Every group and array of a layout, by path."""
+    found = {*layout.parents, *layout.groups}
+    for path, group in layout.groups.items():
+        found |= {f"{path}/{name}" for name in (*group.variables, *group.coordinates, "status")}
+    return found
+
+
+def _positions(stored: list[Any], values: list[Any]) -> list[int]:
+    where = {value: i for i, value in enumerate(stored)}
+    return [where[value] for value in values]
+
+
+def by_band(variable: VariableLayout) -> bool:
+    """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
+    size = int(np.prod(variable.shape)) * np.dtype(variable.dtype).itemsize
+    return variable.dims == ("wavelength", "y", "x") and size > LARGEST_WHOLE
+
+
+def chunks_at(path: str, group: GroupLayout, place: tuple[int, ...]) -> tuple[ChunkFile, ...]:
+    """The chunk files at one position of the axes of a group."""
+    chunks = []
+    for variable in group.variables.values():
+        banded = by_band(variable)
+        for band in range(variable.shape[0]) if banded else [None]:
+            own = [band or 0, *[0] * (len(variable.shape) - 1)] if variable.shape else []
+            where = ".".join(["c", *map(str, [*place, *own])])
+            shape = variable.shape if band is None else variable.shape[1:]
+            chunks.append(ChunkFile(variable.name, f"{DATA}/{path}/{variable.name}/{where}", variable.dtype, shape, band))
+    return tuple(chunks)
