@@ -77,6 +77,9 @@ def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
         raise Unfit(f"{as_written(value)} is out of range: numbers are 0, or from {SMALLEST:g} to {LARGEST:g} in size; expected {wanted}")
     if not parameter.allows(number):
         raise Unfit(f"{value} is out of range: expected {wanted}")
+    if parameter.held and math.isfinite(number) and not parameter.held[0] <= number <= parameter.held[1]:
+        ends = f"{parameter.held[0]:g} to {parameter.held[1]:g}{f' {parameter.units}' if parameter.units not in ('1', '') else ''}"
+        raise Unfit(f"{value} is beyond what its stages compute with, {ends}")
     if whole:
         if number != int(number):
             raise Unfit(f"expected {wanted}, got {value}")

@@ -48,7 +48,7 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
             value = "inf"
         parameters[key] = {
             "type": getattr(kind_of, "__name__", str(kind_of)), "units": parameter.units, "default": value, "required": default is MISSING,
-            "range": parameter.range_text(), "choices": list(parameter.choices) if parameter.choices else None,
+            "range": parameter.shown_range(), "choices": list(parameter.choices) if parameter.choices else None,
             "camera": parameter.camera, "fidelity": parameter.reference or None, "doc": parameter.doc,
         }  # fmt: skip
     return {
@@ -138,7 +138,7 @@ def _plain(parameter: Parameter, default: Any) -> dict[str, Any]:
     if isinstance(value, float) and not math.isfinite(value):
         value = "inf"
     return {
-        "units": parameter.units, "default": value, "required": default is MISSING, "range": parameter.range_text(),
+        "units": parameter.units, "default": value, "required": default is MISSING, "range": parameter.shown_range(),
         "choices": list(parameter.choices) if parameter.choices else None, "doc": parameter.doc,
     }  # fmt: skip
 

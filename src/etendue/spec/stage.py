@@ -92,6 +92,7 @@ class Parameter:
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
+    held: tuple[float, float] | None = None  # ends beyond which its stages do not compute: the plan refuses, with the reason
     length: int | None = None
     one_for_all: bool = False  # a list that may be written as the one number in it
     infinite: bool = False
@@ -105,6 +106,12 @@ class Parameter:
                 parts.append(f"{word} {limit:g}")
         text = " and ".join(parts)
         return f"{text} {self.units}".strip() if text and self.units not in ("1", "") else text
+
+    def shown_range(self) -> str:
+        """The range, and within which of it the stages compute."""
+        if self.held is None:
+            return self.range_text()
+        return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
 
     def allows(self, value: float) -> bool:
         return (

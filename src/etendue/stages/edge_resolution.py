@@ -92,7 +92,7 @@ class EdgeProbe(Probe):
     draws: int = param(400, at_least=50, at_most=100_000, fidelity=True, reference="four times the draws", doc="of the bootstrap")
     highest: float = param(4.0, units="um-1", above=0, doc="where the search for the analytic MTF50 ends")
     nodes: int = param(
-        512, at_least=16, at_most=16384, fidelity=True, reference="twice the nodes", doc="frequencies at which a crossing is looked for"
+        512, at_least=16, held=(16, 16384), fidelity=True, reference="twice the nodes", doc="frequencies at which a crossing is looked for"
     )
 
     def __post_init__(self) -> None:

@@ -105,7 +105,7 @@ class LensPsf(Blur):
 
     file: str = param(file=True, doc="CSV with columns radius_um, psf")
     nodes: int = param(
-        16384, at_least=64, at_most=1_000_000, fidelity=True, reference="direct evaluation at every frequency",
+        16384, at_least=64, held=(64, 1_000_000), fidelity=True, reference="direct evaluation at every frequency",
         doc="radial frequencies at which the transform is evaluated; linear between them",
     )  # fmt: skip
 

@@ -83,10 +83,10 @@ class LinePattern(Stage):
 
     sensor_serial: str = quantity("sensor_serial")
     noise: str = quantity("noise")
-    row_pattern: float = param(0.0, units="electron", at_least=0, at_most=1e6, doc="rms offset from row to row, fixed per sensor")
-    column_pattern: float = param(0.0, units="electron", at_least=0, at_most=1e6, doc="rms offset from column to column, fixed per sensor")
-    row_noise: float = param(0.0, units="electron", at_least=0, at_most=1e6, doc="rms offset from row to row, new in every frame")
-    column_noise: float = param(0.0, units="electron", at_least=0, at_most=1e6, doc="rms offset from column to column, new in every frame")
+    row_pattern: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, fixed per sensor")
+    column_pattern: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, fixed per sensor")
+    row_noise: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, new in every frame")
+    column_noise: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, new in every frame")
 
     @property
     def common_draws(self) -> bool:

@@ -52,8 +52,8 @@ class Scene(Stage):
         "bandlimited", choices=("bandlimited", "cells"),
         doc="a value is a sample of band-limited light, or the mean over a grid cell: points, hard edges, coarse grids",
     )  # fmt: skip
-    centre_y: float = param(0.0, units="mm", at_least=-1e3, at_most=1e3, doc="position of the window's centre from the axis")
-    centre_x: float = param(0.0, units="mm", at_least=-1e3, at_most=1e3, doc="position of the window's centre from the axis")
+    centre_y: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
+    centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", doc="width of a wavelength bin")
@@ -200,7 +200,7 @@ class SlantedEdge(Scene):
 class SiemensStar(Scene):
     """A star whose reflectance is sinusoidal in the angle (ISO 12233)."""
 
-    cycles: int = param(36, at_least=1, at_most=100_000)
+    cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
@@ -240,7 +240,7 @@ class ZonePlate(Scene):
 class StepWedge(Scene):
     """Equal bars from dark to light, in equal steps of density."""
 
-    steps: int = param(12, at_least=2, at_most=1000)
+    steps: int = param(12, at_least=2, held=(2, 1000))
     low: float = param(0.01, above=0, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
     softness: float = _softness()
@@ -320,8 +320,8 @@ class CompositeChart(_Coloured):
     """ColorChecker, slanted edges, Siemens star, zone plate and step wedge in one frame."""
 
     highest_frequency: float = param(0.1, units="um-1", above=0, doc="frequency at the rim of the zone plate")
-    angle: float = param(5.0, units="deg", at_least=-10, at_most=10)
-    cycles: int = param(36, at_least=1, at_most=100_000)
+    angle: float = param(5.0, units="deg", above=-45, below=45, held=(-10, 10), doc="of the tilted square; beyond 10 it leaves its place")
+    cycles: int = param(36, at_least=1, held=(1, 100_000))
     low: float = param(0.05, above=0.025, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
     margin: float = param(0.0, units="um", at_least=0, doc="mid-grey around the chart, inside width and height")

@@ -22,8 +22,8 @@ from etendue.stages.lens import Blur, too_coarse
 
 COARSE = 64  # cells on which the steepness of the wavefront is looked at
 MOST_SAMPLES = 2048
-WAVES: Any = {"units": "um", "at_least": -1e3, "at_most": 1e3}
-MOVED: Any = {"units": "mm", "at_least": -1e3, "at_most": 1e3}
+WAVES: Any = {"units": "um", "held": (-1e3, 1e3)}
+MOVED: Any = {"units": "mm", "held": (-1e3, 1e3)}
 TABLE_BYTES = 64 << 20  # of what is kept for all bands
 ROUND_WAVES = {False: 6.0, True: 2.0}  # per pupil radius, clear or obstructed: steeper round wavefronts are summed over cells
 
@@ -45,7 +45,7 @@ class Aberrated(Cone):
     astigmatism: float = param(0.0, **WAVES, doc="astigmatism W222 at the full image height")
     field_curvature: float = param(0.0, **WAVES, doc="field curvature W220 at the full image height")
     full_height: float = param(
-        4.0, units="mm", at_least=1e-3, at_most=1e3, doc="image height for which coma, astigmatism and field curvature hold"
+        4.0, units="mm", above=0, held=(1e-3, 1e3), doc="image height for which coma, astigmatism and field curvature hold"
     )
 
     def __post_init__(self) -> None:
