@@ -96,8 +96,8 @@ def damages(data, chance):
         yield f"flipped {number}", flipped(data, chance) if data else b"\x00"
     others = [
         ("cut", data[: len(data) // 2]), ("empty", b""), ("a list", b'[{"attributes": 3}, null, "x"]\n'),
-        ("not UTF-8", b"\xff\xfe" + data[2:]), ("an object", b'{"attributes": [1], "shape": {}, "nodes": 3, "metadata": {"..": 1}}\n'),
-        ("a folder", "folder"),
+        ("not UTF-8", b"\xff\xfe" + data[2:]),
+        ("an object", b'{"attributes": [1], "shape": {}, "nodes": 3, "metadata": {"..": 1}}\n'), ("a folder", "folder"),
     ]  # fmt: skip
     yield from chance.sample(others, min(MANY, len(others)))
 
