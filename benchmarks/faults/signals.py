@@ -73,7 +73,8 @@ def interrupted(pipeline: Path, archive: Path, scheduler: str, sent: signal.Sign
     while (still := processes_of(process.pid)) and time.monotonic() < until:
         time.sleep(0.05)
     left += [f"process {pid}" for pid in still]
-    return Ended(sent, wait / whole, process.returncode, said.splitlines(), seconds, left)
+    lines = [line for line in said.splitlines() if not line.startswith("note: ")]  # what stages have to say stands there before
+    return Ended(sent, wait / whole, process.returncode, lines, seconds, left)
 
 
 def processes_of(session: int) -> list[int]:
