@@ -156,7 +156,16 @@ def test_empty_and_single_frames_are_frames():
     assert noise.poisson(np.float32(5), rng).dtype == np.float32
 
 
-@pytest.mark.parametrize("bad", [np.nan, -1e-12, 1e19])
+@pytest.mark.parametrize("mean", [1e17, 1e19, 1e30])
+def test_means_beyond_what_counts_hold_have_the_spread_of_a_poisson_law(mean):
+    """A standard deviation of sqrt(mean), of 40,000 draws to 5 sigma: 1.8 %; float64 rounds 1e30 by 1e14, a tenth of it."""
+    drawn = noise.poisson(np.full(40_000, mean), np.random.default_rng(1))
+    assert (drawn - mean).std() == pytest.approx(np.sqrt(mean), rel=0.018)
+    with pytest.raises(ValueError, match="mean goes from"):  # every draw exact: beyond numpy's own sampler
+        noise.poisson(np.array([1e19]), np.random.default_rng(1), np.inf)
+
+
+@pytest.mark.parametrize("bad", [np.nan, -1e-12, 1e37])
 def test_means_without_a_poisson_law_are_refused(bad):
     for call in (
         lambda m: noise.poisson(m, np.random.default_rng(0)),
