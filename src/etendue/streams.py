@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
+from etendue.telling import plain, shown_path
+
 
 class _State:
     kept: int | None = None  # the stdout of this process, while plugins have stderr in its place
@@ -84,8 +86,6 @@ def _flush_c() -> None:
 
 def show_warning(message: Any, category: Any, filename: str, lineno: int, file: Any = None, line: Any = None) -> None:
     """A warning of a plugin or a library in one line, without folders of this machine."""
-    from etendue.telling import plain, shown_path
-
     text = " ".join(plain(str(message)).split())
     try:
         (file or sys.stderr).write(f"note: {shown_path(os.path.abspath(filename))}:{lineno}: {category.__name__}: {text}\n")

@@ -12,7 +12,9 @@ from typing import Any
 
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
+from etendue.run.cluster import run_on_cluster
 from etendue.run.watch import Stop
+from etendue.run.workers import Crew
 
 Runner = Callable[..., BatchResult]  # of jobs, exports, imports, deliver and the results of the batches before
 
@@ -47,13 +49,9 @@ def run_parallel(
         return
     stop = stop or Stop()
     if scheduler.startswith(("tcp://", "tls://")):
-        from etendue.run.cluster import run_on_cluster
-
         run_on_cluster(batches, deliver, before, after, scheduler, stop, cell_timeout)
         return
     if scheduler == "processes":
-        from etendue.run.workers import Crew
-
         with Crew(workers, stop, cell_timeout) as crew:
             _threaded(batches, deliver, before, after, workers, stop, crew.run_batch)
         return

@@ -15,6 +15,7 @@ import queue
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,6 +29,7 @@ from etendue.run.batches import BatchResult, run_batch
 from etendue.run.jobs import Job
 from etendue.run.memory import keep_freed_memory
 from etendue.run.watch import GRACE, Stop, Stopped
+from etendue.streams import show_warning
 from etendue.telling import said
 
 FROM_OUTSIDE = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT})  # a cell is given a second chance
@@ -50,10 +52,6 @@ def one_thread_inside() -> None:
 
 def begin_worker() -> None:
     """In a new worker process: Ctrl-C is the owner's to answer, and a worker whose owner was killed ends by itself."""
-    import warnings
-
-    from etendue.streams import show_warning
-
     one_thread_inside()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.showwarning = show_warning
