@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import etendue
-from etendue.archive import store
+from etendue.archive import laid
 from etendue.errors import RequestError
 from etendue.physics import expansion, sampling
 from etendue.plan import cost
@@ -26,7 +26,7 @@ def camera(**pixel):
 def by_band(monkeypatch):
     """Everything with a wavelength is too large to be held."""
     monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
-    monkeypatch.setattr(store, "LARGEST_WHOLE", 1000)
+    monkeypatch.setattr(laid, "LARGEST_WHOLE", 1000)
 
 
 def test_light_streamed_by_band_gives_what_the_whole_gives(by_band, monkeypatch):

@@ -39,9 +39,11 @@ def _made(path: str, attrs: str, array: tuple[Any, ...] | None = None, texts: tu
     dtype, shape, chunks, dims, separator = array
     own: dict[str, Any] = {"dtype": str} if dtype == "text" else {
         "dtype": dtype, "fill_value": float("nan") if np.dtype(dtype).kind == "f" else 0, "compressors": codecs(),
-        "config": {"write_empty_chunks": True}, "chunk_key_encoding": {"name": "default", "separator": separator},
+        "chunk_key_encoding": {"name": "default", "separator": separator},
     }  # fmt: skip
-    made = root.create_array("a", shape=shape, chunks=chunks, dimension_names=dims, attributes=json.loads(attrs), **own)
+    made = root.create_array(  # also texts that are all empty have a chunk: it takes the place of an earlier one
+        "a", shape=shape, chunks=chunks, dimension_names=dims, attributes=json.loads(attrs), config={"write_empty_chunks": True}, **own
+    )
     if texts:
         made[...] = np.array(texts, dtype=object).reshape(shape)
     return {path + name[1:]: data.to_bytes() for name, data in held.items() if name != ROOT}
