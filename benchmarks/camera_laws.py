@@ -48,6 +48,7 @@ MATRIX = "fit.colour_matrix"
 STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
 GREY = 2e-3
 WHITE = 1e-6
+ROUNDINGS, LARGEST = 8, 1e3  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ def over_time(document: Document) -> Document:
     """The drawn scene at seven times about its own."""
     time = document["camera"].get("integration_time", 0.01)
     wanted = ["ideal.mosaic_linear", "encode.rgb_display"]
-    made = twin(document, [*wanted, LIFTED], "integration_time", [time * k for k in TIMES])
+    made = twin(document, [*wanted, LIFTED, MATRIX], "integration_time", [time * k for k in TIMES])
     last = [stage["name"] for stage in made["stages"] if stage["name"] in ("ideal", "shading", "balanced")][-1]
     made["wanted"] = list(dict.fromkeys([*made["wanted"], f"{last}.mosaic_linear"]))
     return made
@@ -182,7 +183,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
     display = array(tree, "encode", "rgb_display")
     support = minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
     if same_white(made) and not array(tree, *LIFTED.split(".")).any():
-        yield from white(display, support)
+        yield from white(display, support, float(np.abs(array(tree, *MATRIX.split("."))).max()))
 
 
 def same_white(made: Document) -> bool:
@@ -205,8 +206,8 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     what = "time" if "integration_time" in made["sweep"] else "light"
     mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, "encode", "rgb_display")
     largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
-    behind = f" behind a colour matrix of up to {largest:.1g}" if largest > STEEP else ""
-    yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what)
+    behind = steep(largest)
+    yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what, rounding(display, largest))
     if array(tree, *LIFTED.split(".")).any():
         return
     apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
@@ -222,14 +223,14 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
             yield Broken("neutral", f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart")
             break
     clipped = np.broadcast_to((mosaic >= 1 - 1e-6).all(axis=(1, 2), keepdims=True), mosaic.shape)
-    yield from white(display, clipped, behind)
+    yield from white(display, clipped, largest)
 
 
-def monotone(found: Any, place: str, what: str) -> Iterator[Broken]:
+def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
     """Along the first axis nothing falls by more than rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
-    if falls.size and falls.max() > ROUNDING * scale:
+    if falls.size and falls.max() > ROUNDING * scale + allowed:
         at = np.unravel_index(int(falls.argmax()), falls.shape)
         before, after = (float(found[(at[0] + i, *at[1:])]) for i in (0, 1))
         yield Broken(
@@ -237,14 +238,25 @@ def monotone(found: Any, place: str, what: str) -> Iterator[Broken]:
         )
 
 
-def white(display: Any, clipped: Any, behind: str = "") -> Iterator[Broken]:
-    """(time, channel, y, x) where (time, y, x) says that all of the support is clipped."""
+def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
+    """(time, channel, y, x) where (time, y, x) says that all of the support is clipped, behind a colour matrix with this element."""
+    allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)
     away = np.where(clipped, away, 0)
-    if away.size and away.max() > WHITE:
+    if away.size and away.max() > allowed:
         step, row, column = np.unravel_index(int(away.argmax()), away.shape)
         seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
-        yield Broken("white", f"all of its support is clipped, and a pixel{behind} is ({seen}) at x {TIMES[step]:g}")
+        yield Broken("white", f"all of its support is clipped, and a pixel{steep(largest)} is ({seen}) at x {TIMES[step]:g}")
+
+
+def rounding(display: Any, largest: float) -> float:
+    """What a colour matrix with this element makes of the picture's own precision: 1e-3, a quarter of an 8-bit code, at most."""
+    return ROUNDINGS * float(np.finfo(display.dtype).eps) * min(largest, LARGEST)
+
+
+def steep(largest: float) -> str:
+    """What is to be known of a colour matrix that multiplies rounding."""
+    return f" behind a colour matrix of up to {largest:.1g}" if largest > STEEP else ""
 
 
 # -------------------------------------------------------------------------------------------------- flux, light

@@ -40,7 +40,9 @@ WIDE = {"um": (0.01, 2.0), "mm": (0.01, 10.0), "deg": (0.0, 180.0), "electron": 
 WINDOWS = ((380, 780), (400, 700), (360, 830), (300, 1100))
 BINS = (1, 2, 5, 7, 10, 13, 20, 25, 40, 50, 100, 150, 300, 400)  # nm
 OWN_MASKS = ("RG/GB", "RGB/", "GR/BG", "RYYB/YRBY", "RGBE/GRBE", "R/G/B", "CM/YG", "RGW/GBW/WWR", "B/", "RW/WB")
-FIXED = {"width", "height", "spacing", "light", "wavelength_from", "wavelength_to", "bin_width", "rows", "columns", "sampling"}
+FIXED = {  # the drawer's own affair, or given in another way
+    "width", "height", "spacing", "light", "wavelength_from", "wavelength_to", "bin_width", "rows", "columns", "sampling", "radiance",
+}  # fmt: skip
 SPACES = {"display", "matrix", "target"}
 
 
@@ -188,19 +190,20 @@ class Drawn:
         self.camera = own
 
     def window(self) -> tuple[float, float, float]:
-        """Wavelengths from, to, and the width of a bin, nm."""
-        if self.chance(0.5):
+        """Wavelengths from, to, and the width of a bin, nm: mostly as many bins as channels, which fewer do not tell apart."""
+        least = 1 if self.chance(0.05) else len(self.letters)
+        if self.chance(0.75):
             low, high = self.one_of(WINDOWS[:2] if self.chance(0.8) else WINDOWS)
-            fits = [b for b in BINS if (high - low) % b == 0 and (high - low) / b <= 80]
+            fits = [b for b in BINS if (high - low) % b == 0 and least <= (high - low) / b <= 80]
             return float(low), float(high), float(self.one_of(fits))
-        low, width = int(self.rng.integers(360, 780)), self.one_of(BINS[:-2])
-        count = max(1, min(int(self.rng.integers(1, 25)), (830 - low) // width))
+        low, width = int(self.rng.integers(360, 700)), self.one_of(BINS[:-4])
+        count = max(least, min(int(self.rng.integers(1, 25)), (830 - low) // width))
         return float(low), float(low + count * width), float(width)
 
     def illuminant(self, low: float, high: float) -> str:
         covering = [name for name, (first, last) in tables("illuminant").items() if first <= low and high <= last]
         kind = self.rng.random()
-        if kind < 0.1:
+        if kind < 0.03:
             return f"{self.rng.integers(math.ceil(low), math.floor(high) + 1)} nm"
         if kind < 0.3 or not covering:
             return f"{round(self.between(500, 50000))} K"
@@ -263,8 +266,9 @@ class Drawn:
         )  # fmt: skip
         scene = self.stages[-1]
         defaults = {name: default for name, (_, _, default) in parameters_of(self.registry.load(chosen)).items()}
-        if {"low", "high"} <= set(defaults):
-            scene["low"], scene["high"] = sorted(scene.get(name, defaults[name]) for name in ("low", "high"))
+        if {"low", "high"} <= set(defaults) and scene.get("low", defaults["low"]) > scene.get("high", defaults["high"]):
+            scene.pop("low", None)
+            scene.pop("high", None)
         self.add("irradiance", "irradiance")
         self.maybe(0.4, "falloff", "falloff", table=None, model=self.one_of(("cos4", "disc")))
         self.maybe(0.2, "filter", "optical_filter", table=self.transmission(low, high) if self.chance(0.4) else None)

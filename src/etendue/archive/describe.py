@@ -45,8 +45,6 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     ArchiveError
         The folder is not an archive, or it is damaged: what is, and what to do.
     """
-    if not folder.exists():
-        raise ArchiveError(f"there is no {folder}; an archive is the folder that a run was given with --archive, or ./NAME of its pipeline")
     root = folder / "data.zarr"
     manifest, records = read_manifest(folder), record_paths(folder) if folder.is_dir() else []
     if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
