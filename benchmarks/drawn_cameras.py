@@ -12,7 +12,9 @@ few cameras are refused. Methods of ``white_estimate`` that look at the picture 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from etendue.spec.stage import MISSING, Parameter, Stage, is_source, parameters_
 from etendue.spectra.names import rgb_space_names, tables
 
 Document = dict[str, Any]
-LARGEST = 48  # pixels along a side
+LARGEST, SMALL = 48, 16  # pixels along a side
 INF = math.inf
 SPANS: dict[str, tuple[float, float]] = {
     "f_number": (0.5, 128), "focal_length": (0.5, 2000), "magnification": (-2, -1e-4), "pupil_magnification": (0.2, 5),
@@ -49,12 +51,21 @@ SPACES = {"display", "matrix", "target"}
 class Drawn:
     """One camera while it is drawn."""
 
-    def __init__(self, seed: int, folder: Path) -> None:
-        self.seed, self.folder = seed, folder
+    def __init__(self, seed: int, folder: Path, small: bool = False) -> None:
+        self.seed, self.folder, self.small = seed, folder, small
         self.rng = np.random.default_rng([20260101, seed])
         self.registry = installed_stages()
         self.stages: list[Document] = []
         self.camera: Document = {}
+
+    @contextmanager
+    def stream(self, *words: str) -> Iterator[None]:
+        """Draws of their own, so that a parameter that is new elsewhere changes nothing here."""
+        kept, self.rng = self.rng, np.random.default_rng([20260101, self.seed, zlib.crc32(" ".join(words).encode())])
+        try:
+            yield
+        finally:
+            self.rng = kept
 
     # -- values
 
@@ -117,10 +128,11 @@ class Drawn:
         for name, (parameter, kind, default) in parameters_of(self.registry.load(use)).items():
             if name in given or parameter.camera or name in FIXED:
                 continue
-            if default is MISSING or self.chance(share):
-                found = self.value(name, parameter, kind, default)
-                if found is not MISSING and found != default:
-                    stage[name] = found
+            with self.stream(slot, name):
+                drawn = default is MISSING or self.chance(share)
+                found = self.value(name, parameter, kind, default) if drawn else default
+            if found is not MISSING and found != default:
+                stage[name] = found
         stage |= {name: value for name, value in given.items() if value is not None}
         self.stages.append(stage)
         return stage
@@ -157,8 +169,9 @@ class Drawn:
             parameter, default = camera.declared(name)
             if default is MISSING or (isinstance(default, str) and not parameter.choices):
                 continue
-            if name in always or self.chance(0.3):
-                own[name] = self.value(name, parameter, type(default), default)
+            with self.stream("camera", name):
+                if name in always or self.chance(0.3):
+                    own[name] = self.value(name, parameter, type(default), default)
         room = 0.5 * (1 - own.get("aperture_fraction", 0.741))
         for name in ("aperture_offset_y", "aperture_offset_x"):
             if name in own:
@@ -237,7 +250,7 @@ class Drawn:
         self.camera["illuminant"] = self.illuminant(low, high)
         self.filters(low, high)
         pitch = self.camera["pixel_pitch"]
-        self.rows, self.columns = (int(self.one_of((1, 2, 3, *range(4, LARGEST + 1)))) for _ in range(2))
+        self.rows, self.columns = (int(self.one_of((1, 2, 3, *range(4, SMALL if self.small else LARGEST + 1)))) for _ in range(2))
         self.paper = self.chance(0.1)
         spacing = pitch if self.paper else float(f"{pitch / self.one_of((1, 2, 2, 3, 4, self.between(1, 4))):.9g}")
         margin = 0 if self.paper else int(self.rng.integers(0, 9))
@@ -287,7 +300,7 @@ class Drawn:
 
     def lens(self, spacing: float) -> None:
         lenses = self.able(lambda kind: kind.purpose == "lens" and "prescription" not in parameters_of(kind))
-        use = "diffraction" if self.chance(0.5) else self.one_of(lenses)
+        use = "diffraction" if self.chance(0.5) else self.one_of(("diffraction", "lens_gaussian") if self.small else lenses)
         given: Document = {"light": "cells" if self.cells else "bandlimited"} if "light" in parameters_of(self.registry.load(use)) else {}
         if use == "lens_psf":
             radius = np.linspace(0, 8 * spacing, 41)
@@ -407,6 +420,9 @@ class Drawn:
         return self.file("bank.npz").name
 
 
-def draw(seed: int, folder: Path) -> Document:
-    """The camera with this seed; its files are written into the folder."""
-    return Drawn(seed, folder).document()
+def draw(seed: int, folder: Path, small: bool = False) -> Document:
+    """The camera with this seed, which is another where other stages are installed; its files are written into the folder.
+
+    ``small``: one that takes half a second, of few pixels behind a plain lens.
+    """
+    return Drawn(seed, folder, small).document()

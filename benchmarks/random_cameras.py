@@ -96,9 +96,9 @@ class Verdict:
         return "refused" if self.refused else "broken" if self.broken else "held"
 
 
-def judge(seed: int, folder: Path) -> Verdict:
+def judge(seed: int, folder: Path, small: bool = False) -> Verdict:
     """Draw a camera, run it, and hold it against the laws."""
-    document = drawn_cameras.draw(seed, folder)
+    document = drawn_cameras.draw(seed, folder, small)
     verdict = Verdict(seed, document)
     try:
         tree = run(document, folder)

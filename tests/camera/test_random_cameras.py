@@ -16,13 +16,13 @@ import random_cameras  # noqa: E402
 
 sys.path.remove(str(BENCHMARKS))
 
-SEEDS = (6, 10, 14, 36, 37, 38, 39, 40)  # others take longer
+SEEDS = (2, 4, 7, 13, 16, 22, 24, 26, 29, 32, 38, 41)
 TIMES = len(camera_laws.TIMES)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_camera_obeys_the_laws_or_is_refused_with_a_reason(seed, tmp_path):
-    verdict = random_cameras.judge(seed, tmp_path)
+    verdict = random_cameras.judge(seed, tmp_path, small=True)
     assert not verdict.broken, random_cameras.table([verdict])
 
 
@@ -99,7 +99,7 @@ def test_a_pixel_is_white_only_where_all_of_its_support_is_clipped(tmp_path):
     mosaic[:, 0, 0] = 0.5
     display = np.ones((TIMES, 3, 40, 40))
     display[:, :, 4, 4] = 0.7  # within reach of the pixel that is not clipped
-    made = camera_laws.over_time(drawn_cameras.draw(36, tmp_path))
+    made = camera_laws.over_time(drawn_cameras.draw(2, tmp_path, small=True))
     made["wanted"] = ["ideal.mosaic_linear"]
     for slot in ("adapt", "display"):
         camera_laws.of(made, slot)[{"adapt": "target", "display": "display"}[slot]] = "sRGB"
@@ -127,7 +127,7 @@ def test_light_that_is_lost_or_bent_or_out_of_bounds_is_found():
 
 
 def test_a_warning_a_failed_cell_and_a_refusal_are_told_apart(tmp_path, monkeypatch):
-    document = drawn_cameras.draw(36, tmp_path)
+    document = drawn_cameras.draw(2, tmp_path, small=True)
     refused = {**document, "camera": {**document["camera"], "f_number": -1.0}}
     with pytest.raises(camera_laws.Refused, match="f_number"):
         random_cameras.run(refused, tmp_path)
