@@ -247,4 +247,5 @@ def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_
     assert reused <= seen[0]["finished"] <= reused + 1
     assert seen[-1]["finished"] == len(plan.cells)
     document = json.loads(json.dumps(describe_archive(tmp_path / "a")))
+    assert [stage["name"] for stage in document["stages"]] == [node.name for node in plan.nodes]
     assert (document["finished"], document["planned"], document["running"]) == (len(plan.cells), len(plan.cells), False)

@@ -74,7 +74,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
             "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
             **_progress(journal, name),
         }
-        for name in record.get("stages") or record["nodes"]
+        for name in _order(root, record)
     ]  # fmt: skip
     size = sum((folder / path).lstat().st_size for top in disk.FOLDERS for path in listing.below(top) if (folder / path).exists())
     size += sum((folder / name).lstat().st_size for name in disk.FILES if (folder / name).exists())
@@ -83,6 +83,16 @@ def describe_archive(folder: Path) -> dict[str, Any]:
         "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
         **_progress(journal),
     }  # fmt: skip
+
+
+def _order(root: Path, record: dict[str, Any]) -> list[str]:
+    """The stages in the order of the pipeline: of two that write the same variable the later one counts."""
+    attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
+    own = attributes.get("etendue") if isinstance(attributes, dict) else None
+    for names in (record.get("order"), own.get("stages") if isinstance(own, dict) else None):
+        if isinstance(names, list):
+            return [str(name) for name in names]
+    return list(record["nodes"])
 
 
 def _progress(journal: Read, stage: str | None = None) -> dict[str, Any]:

@@ -123,6 +123,7 @@ def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, opti
         "sensor": plan.pipeline.sensor,
         "camera": {k: _plain(v) for k, v in plan.camera.items()},
         "axes": {a.key: _plain(a.values) for a in plan.axes},
+        "order": [node.name for node in plan.nodes],
         "stages": {node.name: list(node.axes) for node in plan.nodes},
         "nodes": node_records(plan),
         "options": dict(options),
