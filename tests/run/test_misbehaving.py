@@ -49,6 +49,7 @@ def check(place, done, archive, fails, fine):
     """Exit code 3, each failure told with stage and distribution, each other cell with its own values."""
     assert done.returncode == (3 if fails else 0), done.stderr
     assert "Traceback" not in done.stderr
+    assert "resource_tracker" not in done.stderr
     assert len(done.stderr.splitlines()) < 20, done.stderr
     document = json.loads(done.stdout)  # whatever plugins print
     told = {failure["cell"][1]["naughty_how"]: failure for failure in document["failures"]}

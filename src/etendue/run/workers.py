@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.connection
+import multiprocessing.util
 import os
 import pickle
 import queue
 import signal
+import sys
 import threading
 import time
 import warnings
 from collections.abc import Mapping
+from multiprocessing import resource_tracker
 from typing import Any
 
 import cloudpickle
@@ -72,7 +75,8 @@ def serve(pipe: Any) -> None:
         try:
             data = pipe.recv_bytes()
         except (EOFError, OSError):
-            os._exit(0)
+            multiprocessing.util._run_finalizers()  # type: ignore[attr-defined]  # locks of libraries, else reported as leaked
+            os._exit(0)  # a thread that a plugin has left behind holds nobody up
         try:
             jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
             if any("colour-science" in job.stage.libraries for job in jobs):
@@ -170,6 +174,7 @@ class Crew:
     """So many places for workers. A worker is started when a place needs one, and stays there."""
 
     def __init__(self, places: int, stop: Stop, cell_timeout: float | None = None) -> None:
+        _quiet_tracker()
         self.stop, self.limit = stop, cell_timeout
         self.free: queue.LifoQueue[Worker | None] = queue.LifoQueue()
         for _ in range(places):
@@ -226,6 +231,16 @@ class Crew:
                 raise
             finally:
                 self.free.put(worker)
+
+
+def _quiet_tracker() -> None:
+    """Python's tracker of what processes share clears up behind a worker that was killed, and is to say nothing of it."""
+    option = "ignore:resource_tracker:UserWarning"
+    sys.warnoptions.append(option)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(option)
 
 
 def _all(places: queue.LifoQueue[Worker | None]) -> list[Worker | None]:
