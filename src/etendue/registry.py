@@ -38,6 +38,7 @@ class Registry:
         self._manager = pluggy.PluginManager(hookspecs.PROJECT)
         self._manager.add_hookspecs(hookspecs)
         self._loaded: dict[str, type[Stage]] = {}
+        self._installed: dict[str, Installed] = {}
         self._lock = threading.Lock()
 
     def names(self) -> list[str]:
@@ -48,13 +49,17 @@ class Registry:
 
     def clash(self, name: str) -> list[str]:
         """The distributions that offer this name, when more than one does."""
-        offers = [point.dist.name if point.dist else "?" for point in self._points.get(name, [])]
-        return offers if len(offers) > 1 else []
+        points = self._points.get(name, [])
+        return [point.dist.name if point.dist else "?" for point in points] if len(points) > 1 else []
 
     def installed(self, name: str) -> Installed:
-        point = self._points[name][0]
-        dist = point.dist
-        return Installed(name, dist.name if dist else "?", dist.version if dist else "?", point.value)
+        known = self._installed.get(name)
+        if known is None:  # once: a name and a version each parse all metadata of their distribution
+            point = self._points[name][0]
+            dist = point.dist
+            known = Installed(name, dist.name if dist else "?", dist.version if dist else "?", point.value)
+            self._installed[name] = known
+        return known
 
     def load(self, name: str) -> type[Stage]:
         """Import the module of one stage and return its class.
