@@ -186,7 +186,7 @@ def test_a_cone_without_light_is_refused_or_floored_and_counted():
     xyz, red = np.full((3, 4, 4), 0.2), np.array([0.85, 1.0, 1e-12])  # no light for the short cones
     d65 = np.array([0.95047, 1.0, 1.08883])
     with pytest.raises(ValueError, match="three cones"):
-        stage("balance").run(xyz, red, d65)
+        stage("balance", floor=0.0).run(xyz, red, d65)
     floored = stage("balance", floor=0.01).run(xyz, red, d65)
     assert floored["cones_floored"] == 1
     assert np.isfinite(floored["xyz_scene"]).all()

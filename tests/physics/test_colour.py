@@ -204,3 +204,17 @@ def test_a_ridge_trades_residual_for_a_smaller_matrix_and_keeps_the_white():
         assert_allclose(fit.matrix @ white, target, rtol=1e-12)
     with pytest.raises(ValueError, match="ridge is -1"):
         colour.fit_matrix(samples, targets, ridge=-1)
+
+
+def test_channels_that_are_alike_share_what_one_channel_would_have():
+    """The smallest matrix: equal columns for equal channels, grey exact, pictures those of the channels' mean."""
+    rng = np.random.default_rng(3)
+    grey, blue = rng.uniform(0.05, 1, (2, 24, 1))
+    samples, targets = np.hstack([grey, grey, blue]), rng.uniform(0, 1, (24, 3))
+    white = np.array([0.95, 1.0, 1.09])
+    both = colour.fit_matrix(samples, targets, np.ones(3), white, least=True)
+    one = colour.fit_matrix(samples[:, 1:], targets, np.ones(2), white)
+    assert (both.undetermined, one.undetermined) == (1, 0)
+    assert_allclose(both.matrix.sum(axis=1), white, rtol=1e-14)
+    assert_allclose(both.matrix[:, 0], both.matrix[:, 1], atol=1e-13)
+    assert_allclose(samples @ both.matrix.T, samples[:, 1:] @ one.matrix.T, atol=1e-12)

@@ -19,7 +19,7 @@ def test_a_folder_is_made_and_nothing_is_left_in_it(tmp_path):
 @pytest.mark.parametrize("name", ["file", "file/inside", "x" * 300])
 def test_what_cannot_be_a_folder_is_named(tmp_path, name):
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(RequestError, match=name):
+    with pytest.raises(RequestError, match=name[:30]):
         check_folder(tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == ["file"] and (tmp_path / "file").read_text() == "mine"
 

@@ -21,11 +21,12 @@ LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less are alik
 
 
 class MatrixFit(NamedTuple):
-    """A fitted 3 x 3 matrix, how far its targets were missed (rms, their unit), and its condition."""
+    """A fitted matrix, how far its targets were missed (rms, their unit), its condition, and how many directions it knows nothing of."""
 
     matrix: Matrix
     residual: float
     condition: float
+    undetermined: int = 0
 
 
 def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tuple[float, float]) -> Matrix:
@@ -144,6 +145,7 @@ def fit_matrix(
     white_sample: ArrayLike | None = None,
     white_target: ArrayLike | None = None,
     ridge: float = 0.0,
+    least: bool = False,
 ) -> MatrixFit:
     """Matrix that takes camera triples closest to their targets, in the least-squares sense.
 
@@ -159,6 +161,8 @@ def fit_matrix(
     ridge : float, samples squared
         At or above 0: weight of the squared free elements beside the mean squared error. Overlapping filters make a
         matrix of large elements of both signs, which cancels colours well and multiplies noise; this makes them smaller.
+    least : bool
+        What becomes of directions that the samples leave undetermined: they are given nothing (the smallest matrix that fits), or refused.
 
     Returns
     -------
@@ -168,11 +172,13 @@ def fit_matrix(
         Root of the mean squared error over n patches and three components.
     condition : float
         Of the matrix (2-norm): how much it can amplify relative noise. Overlapping filters make it large.
+    undetermined : int
+        Directions of the channels that the samples say nothing of; 0 unless ``least``.
 
     Raises
     ------
     ValueError
-        If shapes do not fit, values are not finite, a white is missing or black, or the samples leave the
+        If shapes do not fit, values are not finite, a white is missing or black, or, unless ``least``, the samples leave the
         matrix undetermined: they differ by less than 1e-7 of their size along some direction that the white leaves free.
         Elements would be 1e7 and more, and pictures in single precision, rounded to 6e-8, would have the colours of their rounding.
 
@@ -205,13 +211,18 @@ def fit_matrix(
         design = np.concatenate([design, np.sqrt(ridge * len(samples)) * np.eye(freedoms)])
         wanted_rest = np.concatenate([wanted_rest, np.zeros((freedoms, 3))])
     # Channels that are alike leave differences of rounding alone, of full rank among themselves: the samples' own size is the measure.
-    rank = int(np.count_nonzero(np.linalg.svd(design, compute_uv=False) > LEAST_SPAN * np.linalg.norm(samples, 2)))
-    steps = np.linalg.lstsq(design, wanted_rest, rcond=1e-12)[0]
-    if rank < freedoms:
+    left, sizes, right = np.linalg.svd(design, full_matrices=False)
+    known = sizes > LEAST_SPAN * np.linalg.norm(samples, 2)
+    rank = int(np.count_nonzero(known))
+    if rank == freedoms:
+        steps = np.linalg.lstsq(design, wanted_rest, rcond=1e-12)[0]
+    elif least:
+        steps = right[known].T @ ((left[:, known].T @ wanted_rest) / sizes[known, None])
+    else:
         raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all")
     transposed = fixed + free @ steps
     residual = np.sqrt(np.mean((samples @ transposed - targets) ** 2))
-    return MatrixFit(transposed.T.copy(), float(residual), float(np.linalg.cond(transposed)))
+    return MatrixFit(transposed.T.copy(), float(residual), float(np.linalg.cond(transposed)), freedoms - rank)
 
 
 def _cone_responses(name: str, white: ArrayLike, cones: Matrix) -> NDArray:

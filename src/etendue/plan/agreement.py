@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from etendue.plan.model import Cell, CellRef, Node
+from etendue.spec.stage import has_method
 
 
 def notes_on_agreement(nodes: Iterable[Node], cells: Mapping[CellRef, Cell]) -> list[str]:
@@ -25,7 +26,7 @@ def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
         found: dict[str, tuple[str, Any]] = {}
         for _, source, _ in cell.inputs:
             found |= assumed.get(source, {})
-        own = cell.stage.assumes() if hasattr(cell.stage, "assumes") else {}
+        own = cell.stage.assumes() if has_method(type(cell.stage), "assumes") else {}  # type: ignore[attr-defined]
         for what, value in own.items():
             before = found.get(what)
             if before is not None and before[1] != value:

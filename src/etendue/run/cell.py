@@ -219,7 +219,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float
         given = _arguments(job, results, clipped)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
             result, arrays = Result(), job.stage.run(**given)  # type: ignore[attr-defined]
-    if arrays or not is_transfer(type(job.stage)):
+    if not is_transfer(type(job.stage)) or arrays:
         arrays = check(job, arrays)
         result.lowest = _undefined(job, arrays)
     return result, arrays

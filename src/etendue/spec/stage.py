@@ -257,7 +257,7 @@ def check_class(kind: type[Stage]) -> None:
         raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
     if not isinstance(creates, Mapping) or not all(isinstance(value, Line | Bands | Labels) for value in creates.values()):
         raise TypeError(f"{name}.creates is {creates!r}; expected dims and their coordinates, such as {{'channel': RGB}}")
-    if not hasattr(kind, "run") and not hasattr(kind, "transfer"):
+    if not has_method(kind, "run") and not has_method(kind, "transfer"):
         raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
     rate = getattr(kind, "nanoseconds", 1.0)
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:

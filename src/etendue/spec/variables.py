@@ -31,6 +31,7 @@ LONG_NAMES = {
     "white_used": "share of the picture in which the white was looked for",
     "channels_floored": "channels of the white which were lifted to the floor",
     "cones_floored": "cone responses of the scene's white which were lifted to the floor",
+    "directions_floored": "directions of colour of which the channels say nothing, given none",
     "balance_gains": "gains that make the channels of a white diffuser equal",
     "defects_corrected": "pixels replaced",
     "defects_left": "pixels found defective without sound neighbours to replace them",

@@ -30,6 +30,7 @@ class ColourFit(Collecting):
 
     White is kept exactly unless told otherwise. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the
     condition number.
+    Channels that see alike tell some colours not apart: such directions are given nothing, and counted in ``directions_floored``.
     For any number of channels: one gives luminance in the colour of the white, two a plane of colours, and the residual
     says how far that is from the truth. Crosstalk behind the filters is in the camera's primaries, as it is in a picture.
     """
@@ -40,6 +41,7 @@ class ColourFit(Collecting):
         "white_xyz": "component [1]",
         "fit_residual": "[1]",
         "fit_condition": "[1] nan",  # no number where the white is a single colour
+        "directions_floored": "[1]",
     }
     creates: ClassVar = {"component": XYZ}
     nanoseconds: ClassVar = 1000.0
@@ -101,11 +103,12 @@ class ColourFit(Collecting):
         targets = (reflectance * scene) @ cmf / white[1]
         kept = self.white == "kept"
         fit = colour.fit_matrix(
-            samples, targets, np.ones(len(response)) if kept else None, white / white[1] if kept else None, ridge=self.ridge
+            samples, targets, np.ones(len(response)) if kept else None, white / white[1] if kept else None, ridge=self.ridge, least=True
         )
         return {
             "colour_matrix": fit.matrix, "white_xyz": white / white[1],
-            "fit_residual": np.array(fit.residual), "fit_condition": np.array(fit.condition),
+            "fit_residual": np.array(fit.residual), "fit_condition": np.array(fit.condition if fit.condition < 1e15 else np.nan),
+            "directions_floored": np.array(float(fit.undetermined)),
         }  # fmt: skip
 
     def warn(self, facts: Any, grids: Any) -> list[str]:
@@ -177,8 +180,8 @@ class CameraToXyz(Stage):
 class Balance(Stage):
     """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
 
-    A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is refused, or lifted to
-    ``floor`` and counted in ``cones_floored``.
+    A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to ``floor`` and counted
+    in ``cones_floored``, or refused.
     """
 
     reads: ClassVar = {"xyz_scene": "channel y x [1]", "white_xyz": "component [1]"}
@@ -193,7 +196,7 @@ class Balance(Stage):
     target: str = param("D65", doc="white of the display: an illuminant, a display or an RGB space")
     gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
     floor: float = param(
-        0.0, at_least=0, below=1, doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused"
+        1e-4, at_least=0, below=1, doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused"
     )
 
     def __post_init__(self) -> None:

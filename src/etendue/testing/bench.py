@@ -92,6 +92,11 @@ class Trial:
     def last_line(self) -> str:
         return self.report.message.strip().rpartition("\n")[2]
 
+    @property
+    def refused_in_words(self) -> bool:
+        """Whether the stage says that it cannot compute, and did not break off anywhere else."""
+        return self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
+
 
 class _Blur(Stage):
     """What probes look at: a Gaussian transfer function."""

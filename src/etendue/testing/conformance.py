@@ -31,7 +31,6 @@ from etendue.spec.stage import (
     writes_of,
 )
 from etendue.testing.bench import (
-    CLEAR,
     EXTREMES,
     FRAME,
     LARGE,
@@ -100,7 +99,7 @@ class StageConformance:
         seen = [d.variable for d in reads.values() if looks(d) not in ("", "transfer")]
         hold(not seen or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may")
         hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
-        if not hasattr(kind, "grid") and not is_source(kind):
+        if not has_method(kind, "grid") and not is_source(kind):
             known = {dim for d in reads.values() for dim in d.dims} | set(getattr(kind, "creates", {})) | {"...", "stage"}
             for declaration in writes.values():
                 for dim in declaration.dims:
@@ -240,7 +239,7 @@ class StageConformance:
             below = with_value(ordinary[port], -0.01 * bench.scale(port))
             trial = bench.run({**ordinary, port: below})
             if policy == "keep":
-                clear = trial.done or trial.last_line.startswith(CLEAR)
+                clear = trial.done or trial.refused_in_words
                 hold(clear, f"{bench.name} declares negative = 'keep', but fails on it in {port}: {trial.last_line}")
             elif policy == "clip":
                 same = bench.result({**ordinary, port: np.maximum(below, 0)})
