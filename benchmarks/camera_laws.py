@@ -43,6 +43,7 @@ EXPOSING = (
 )  # slots behind which noise and codes are
 UNEVEN = ("falloff", "vignetting", "angular", "distortion", "defects", "shading")  # slots that make a uniform plane uneven
 SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
+PERIOD = 6  # pixels: of the longest mask, X-Trans
 LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
 MATRIX = "fit.colour_matrix"
 STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
@@ -208,10 +209,11 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
     behind = steep(largest)
     yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what, rounding(display, largest))
-    if array(tree, *LIFTED.split(".")).any():
-        return
+    wanders = made["camera"].get("crosstalk") == "through_filter"
+    if array(tree, *LIFTED.split(".")).any() or (wanders and min(display.shape[2:]) < PERIOD):
+        return  # a frame without the mask's whole period has not the neighbours of which the white knows
     apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
-    if made["camera"].get("crosstalk") == "through_filter":
+    if wanders:
         # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far as sites differ
         means = display.mean(axis=(2, 3))
         apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)

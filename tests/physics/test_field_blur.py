@@ -241,3 +241,10 @@ def test_planes_of_another_shape_are_refused():
     prepared = field_blur.prepare(bank(), line(4), line(5), [0.5])
     with pytest.raises(ValueError, match="shape"):
         field_blur.apply(np.zeros((2, 4, 5)), prepared)
+
+
+@pytest.mark.parametrize("size", [9, 301, 945, 947, 3203])
+def test_kernels_that_are_too_large_are_known_before_one_is_made(size):
+    """The first finer grid of a frame of 40 x 60 has 3 x 5 nodes; small frames have a kernel for every sample, and nothing between them."""
+    assert field_blur.kernels_fit(size, 5, 40, 60) == (3 * 5 * 5 * 8 * size**2 <= 512 << 20)
+    assert field_blur.kernels_fit(size, 5, 1, 1) and field_blur.kernels_fit(size, 5, 2, 3)

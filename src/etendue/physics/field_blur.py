@@ -278,23 +278,45 @@ def _kernels(sampler: Sampler, y: FloatArray, x: FloatArray, grid: tuple[int, in
     return sampler.kernels(yy.ravel(), xx.ravel()).reshape(*grid, -1, sampler.size, sampler.size)
 
 
+def _grid_of(cells: int, ny: int, nx: int) -> tuple[int, int]:
+    """Nodes along y and x for so many cells along the longer side of a frame."""
+    longest = max(ny, nx)
+    rows, columns = (1 if n == 1 else min(n, max(1, round(cells * n / longest)) + 1) for n in (ny, nx))
+    return rows, columns
+
+
+def _too_many(grid: tuple[int, int], size: int, wavelengths: int) -> bool:
+    """Whether the next finer grid of nodes has more kernels than are held."""
+    finer = (2 * grid[0] - 1) * (2 * grid[1] - 1)
+    return finer * size**2 * wavelengths * 8 > _LARGEST or finer * wavelengths > _MOST
+
+
+def kernels_fit(size: int, wavelengths: int, ny: int, nx: int) -> bool:
+    """Whether the error of mixing kernels of this size can be looked for at all: the first grid of nodes is every sample, or can be halved.
+
+    Parameters
+    ----------
+    size : int
+        Samples along a side of a kernel.
+    wavelengths : int
+        Kernels at each node.
+    ny, nx : int
+        Samples of the frame.
+    """
+    grid = _grid_of(2, ny, nx)
+    return grid == (ny, nx) or not _too_many(grid, size, wavelengths)
+
+
 def _refined(sampler: Sampler, y: FloatArray, x: FloatArray, goal: float, last_goal: float, count: int) -> list[Level]:
     """Grids by halving: the first that is good enough for ``goal``, and the first for ``last_goal`` if that is another one."""
-    longest = max(y.size, x.size)
-    each = sampler.size**2 * sampler.wavelengths * 8
-
-    def grid_of(cells: int) -> tuple[int, int]:
-        ny, nx = (1 if n == 1 else min(n, max(1, round(cells * n / longest)) + 1) for n in (y.size, x.size))
-        return ny, nx
-
-    grid = grid_of(max(count - 1, 1) if count else 2)
+    grid = _grid_of(max(count - 1, 1) if count else 2, y.size, x.size)
     kernels, before = _kernels(sampler, y, x, grid), np.inf
     good: list[Level] = []
     while True:
         if grid == (y.size, x.size):
             return [*good, (grid, kernels, 0.0)]
         finer = (2 * grid[0] - 1, 2 * grid[1] - 1)
-        too_many = finer[0] * finer[1] * each > _LARGEST or finer[0] * finer[1] * sampler.wavelengths > _MOST
+        too_many = _too_many(grid, sampler.size, sampler.wavelengths)
         if too_many and count and grid[0] % 2 and grid[1] % 2:
             return [(grid, kernels, _FAIR * _mixing_error(kernels[::2, ::2], kernels))]
         if too_many:

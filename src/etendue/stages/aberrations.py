@@ -22,6 +22,7 @@ from etendue.stages.wavefront import Aberrated
 PER_SPOT = 0.45  # spacing of the pictures in lambda N_w: the spread function is band-limited at 0.5
 COARSE = 64
 MOST_SAMPLES = 1024
+NEARLY = 0.98  # of the pictures' radius: what their last rings hold may be lost
 COARSE_ERROR = 0.04  # of kernels as cell means, on a grid that is too coarse for the lens
 
 
@@ -122,7 +123,16 @@ class Aberrations(Blur, Aberrated):
         light = inputs["irradiance"]
         bands = light.bands().values()
         shortest = float(bands[0] if min(self.bands, len(bands)) > 1 else sum(bands) / len(bands)) * 1e-3
-        self.samples(self.half(shortest, (nearest(light), farthest(light))))
+        half = self.half(shortest, (nearest(light), farthest(light)))
+        self.samples(half)
+        longest = float(bands[-1] if min(self.bands, len(bands)) > 1 else sum(bands) / len(bands)) * 1e-3
+        step = max(abs(light.line(dim).step) for dim in ("y", "x"))
+        reach = NEARLY * half * PER_SPOT * longest * self.cone_f_number() / step
+        if not field_blur.kernels_fit(2 * math.ceil(reach) + 1, min(self.bands, len(bands)), light["y"].size, light["x"].size):
+            raise ValueError(
+                f"spots reach over {2 * reach:.4g} samples, and kernels of that size are too many to be mixed within accuracy "
+                f"{self.accuracy:g}; allow a larger error, smaller aberrations, or a coarser grid"
+            )
         return {}
 
     def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
