@@ -13,7 +13,7 @@ import pytest
 from etendue.cli import main
 from etendue.errors import EtendueError
 from etendue.session import Options, execute
-from tests.archive.tiny import store_of, tiny_plan
+from tests.archive.tiny import store_of
 
 MANY = int(os.environ.get("ETENDUE_DAMAGES", "1"))  # times two flipped bits and another damage, for every kind
 KINDS = (
@@ -45,22 +45,6 @@ KINDS = (
     "contact_sheet.png",
     "inputs",
 )
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    return tmp_path_factory.mktemp("damage")
-
-
-@pytest.fixture(scope="module")
-def plan(place):
-    return tiny_plan(place)
-
-
-@pytest.fixture(scope="module")
-def whole(place, plan):
-    execute(plan, place / "whole", Options("serial"))
-    return place / "whole"
 
 
 def run(plan, archive, **options):

@@ -16,22 +16,6 @@ from etendue.session import Options, execute
 from tests.archive.tiny import store_of, tiny_file, tiny_plan
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    return tmp_path_factory.mktemp("keeping")
-
-
-@pytest.fixture(scope="module")
-def plan(place):
-    return tiny_plan(place)
-
-
-@pytest.fixture(scope="module")
-def whole(place, plan):
-    execute(plan, place / "whole", Options("serial"))
-    return place / "whole"
-
-
 @pytest.fixture
 def copy(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "copy")
