@@ -132,3 +132,14 @@ def test_the_lowest_code_of_a_clipped_pixel_is_that_of_the_converter():
 def test_a_level_that_cannot_be_shown_is_refused(white, clipped):
     with pytest.raises(ValueError, match="allowed are numbers above 0"):
         white_balance.display_white(white, clipped)
+
+
+def test_the_charge_of_a_full_well_is_drawn_bright():
+    """On the sheet, whose pictures of charge share a scale: what is full is no darker than what was half full."""
+    seen = []
+    for factor in (0.5, 100.0):
+        tree = exposed("composite", *NOISY, wanted=["charge"], factors=[factor])
+        preview = tree["frames"].preview
+        seen.append([float(preview.sel(stage=s).mean()) for s in preview.stage.values if "full_well" in str(s) or "read_noise" in str(s)])
+    half, full = np.array(seen)
+    assert half.size == 2 and (full > half).all()

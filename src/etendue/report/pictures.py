@@ -111,7 +111,10 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                 # a value of 1 means white in these; elsewhere the brightest part of the first picture does
                 bright = 1.0
                 if variable not in ("rgb_linear", "xyz_display", "xyz_scene"):
-                    peaks = linear.max(axis=0)  # a thousandth of the brightest at least: beside a point all else may be next to nothing
+                    # of charge the last picture does: what the well cannot hold is no brightness
+                    by = _linear_rgb(plan, *kinds[kind][-1]) if kind == "charge" else linear
+                    peaks = (linear if by is None else by).max(axis=0)
+                    # a thousandth of the brightest at least: beside a point all else may be next to nothing
                     bright = max(float(np.quantile(peaks, 0.995)), 1e-3 * float(peaks.max())) / 0.9
                 scales[kind] = bright if bright > 0 else 1.0
             picture = srgb_encode(np.clip(linear / scales[kind], 0, 1))
