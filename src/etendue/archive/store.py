@@ -54,6 +54,8 @@ class Archive:
             self.folder = folder.resolve()  # the archive itself may be named by a link; inside there is none
         except (OSError, RuntimeError) as error:
             raise ArchiveError(f"{folder} leads nowhere: {error}") from None
+        if self.folder.is_symlink():  # Python 3.13 gives a circle of links back as it is
+            raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.run_id = uuid.uuid4().hex

@@ -128,7 +128,7 @@ def _lost_inside(shard: Path, array: Any) -> str:
     place = [int(part) for part in str(shard).replace(".", "/").split("/")[-3:] if part.isdigit()]
     length = 16 * math.prod(counts) + 4
     with shard.open("rb") as file:
-        if codec.index_location.value == "end":
+        if getattr(codec.index_location, "value", codec.index_location) == "end":  # an enumeration, or its text
             file.seek(-length, os.SEEK_END)
         index = struct.unpack(f"<{2 * math.prod(counts)}Q", file.read(length)[:-4])
     for number, inside in enumerate(itertools.product(*map(range, counts))):
