@@ -220,7 +220,9 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
             result, arrays = Result(), job.stage.run(**given)  # type: ignore[attr-defined]
     if not is_transfer(type(job.stage)) or arrays:
-        arrays = check(job, arrays)
+        held = [arrays]
+        del arrays  # a name here would count as somebody who may change them, and all would be copied
+        arrays = check(job, held.pop())
         result.lowest = _undefined(job, arrays)
     return result, arrays
 
