@@ -22,7 +22,7 @@ import numpy as np
 
 import etendue
 from etendue import spectra
-from etendue.physics import colour, difference, transfer
+from etendue.physics.colour import difference, encoding, matrices
 
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "colour.toml"
 LIGHTS = ("D65", "D50", "A", "FL2", "FL11")
@@ -98,14 +98,14 @@ def camera(plot: Path | None) -> None:
     for light, values in table.items():
         print(f"{light:6s}" + " ".join(f"{v:4.1f}" for v in values))
     print("\nthe encoded picture, decoded, against the truth adapted to D65 (CAT16): mean / largest / patches beyond the gamut")
-    target = colour.xyz_from_xy(colour.D65_XY)
+    target = matrices.xyz_from_xy(matrices.D65_XY)
     for light in LIGHTS:
         at = {"illuminant": light}
         true, white = truth(light)
-        adapted = true @ colour.von_kries_matrix(white, target, colour.TRANSFORMS["cat16"]).T
-        shown = transfer.srgb_decode(patches(tree["encode"].rgb_display.sel(at).values.astype(float))) @ colour.RGB_TO_XYZ_SRGB.T
+        adapted = true @ matrices.von_kries_matrix(white, target, matrices.TRANSFORMS["cat16"]).T
+        shown = encoding.srgb_decode(patches(tree["encode"].rgb_display.sel(at).values.astype(float))) @ matrices.RGB_TO_XYZ_SRGB.T
         found = apart(shown, adapted, target)
-        outside = int(np.sum(np.any((adapted @ np.linalg.inv(colour.RGB_TO_XYZ_SRGB).T < 0), axis=1)))
+        outside = int(np.sum(np.any((adapted @ np.linalg.inv(matrices.RGB_TO_XYZ_SRGB).T < 0), axis=1)))
         print(f"{light:6s} {found.mean():5.2f} / {found.max():5.2f} / {outside}")
     if plot:
         draw(drawn, plot)
@@ -119,12 +119,12 @@ def draw(rows: list[Any], file: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    target = colour.xyz_from_xy(colour.D65_XY)
+    target = matrices.xyz_from_xy(matrices.D65_XY)
     figure, axes = plt.subplots(len(rows), 1, figsize=(12, 1.1 * len(rows)), layout="constrained")
     for axis, (light, true, ours, white) in zip(axes, rows, strict=True):
-        to_rgb = np.linalg.inv(colour.RGB_TO_XYZ_SRGB) @ colour.von_kries_matrix(white, target, colour.TRANSFORMS["cat16"])
+        to_rgb = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ matrices.von_kries_matrix(white, target, matrices.TRANSFORMS["cat16"])
         strip = np.stack([true @ to_rgb.T, ours @ to_rgb.T], axis=1).reshape(1, 48, 3)
-        axis.imshow(transfer.srgb_encode(np.clip(strip, 0, 1)), aspect="auto")
+        axis.imshow(encoding.srgb_encode(np.clip(strip, 0, 1)), aspect="auto")
         axis.set(yticks=[], xticks=np.arange(0.5, 48, 2), xticklabels=range(1, 25))
         axis.set_ylabel(light)
     figure.savefig(file, dpi=110)
@@ -137,25 +137,25 @@ def costs() -> None:
     rng = np.random.default_rng(5)
     picture = rng.uniform(0, 1, (3, 256, 256)).astype(np.float32)
     last = np.moveaxis(picture, 0, -1).astype(float)
-    white = colour.xyz_from_xy(colour.D65_XY)
+    white = matrices.xyz_from_xy(matrices.D65_XY)
     a = difference.lab(picture, white)
     b = difference.lab(picture[::-1].copy(), white)
     a_last, b_last = (np.moveaxis(v, 0, -1).astype(float) for v in (a, b))
     space = library.RGB_COLOURSPACES["sRGB"]
     light = spectra.illuminant("A", EDGES) @ spectra.colour_matching(EDGES)
     light = light / light[1]
-    adapt = colour.von_kries_matrix(light, white, colour.TRANSFORMS["cat16"])
+    adapt = matrices.von_kries_matrix(light, white, matrices.TRANSFORMS["cat16"])
     steps: dict[str, tuple[Callable[[], Any], Callable[[], Any], float]] = {
         "RGB to XYZ": (
-            lambda: colour.apply_matrix(colour.RGB_TO_XYZ_SRGB, picture),
+            lambda: matrices.apply_matrix(matrices.RGB_TO_XYZ_SRGB, picture),
             lambda: library.RGB_to_XYZ(last, space, apply_cctf_decoding=False), 5e-4,
         ),
-        "sRGB encoding": (lambda: transfer.srgb_encode(picture), lambda: space.cctf_encoding(last), 2e-6),
-        "BT.709 encoding": (lambda: transfer.bt709_encode(picture), lambda: library.cctf_encoding(last, function="ITU-R BT.709"), 2e-6),
-        "Lab": (lambda: difference.lab(picture, white), lambda: library.XYZ_to_Lab(last, colour.D65_XY), 2e-3),
+        "sRGB encoding": (lambda: encoding.srgb_encode(picture), lambda: space.cctf_encoding(last), 2e-6),
+        "BT.709 encoding": (lambda: encoding.bt709_encode(picture), lambda: library.cctf_encoding(last, function="ITU-R BT.709"), 2e-6),
+        "Lab": (lambda: difference.lab(picture, white), lambda: library.XYZ_to_Lab(last, matrices.D65_XY), 2e-3),
         "CIEDE2000": (lambda: difference.delta_e_2000(a, b), lambda: library.delta_E(a_last, b_last, method="CIE 2000"), 2e-2),
         "von Kries (CAT16)": (
-            lambda: colour.apply_matrix(adapt, picture),
+            lambda: matrices.apply_matrix(adapt, picture),
             lambda: library.adaptation.chromatic_adaptation_VonKries(last, light, white, transform="CAT16"), 2e-5,
         ),
     }  # fmt: skip

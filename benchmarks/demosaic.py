@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import mosaic
+from etendue.physics.sensor import cfa
 from etendue.registry import installed_stages
 from etendue.run.memory import keep_freed_memory
 from etendue.spec.stage import arguments_of
@@ -160,7 +160,7 @@ def measured(method: Method, sets: dict[str, dict[str, np.ndarray]]) -> Row:
     for name, members in sets.items():
         row.cpsnr[name], row.seconds[name], row.pixels[name] = [], 0.0, 0.0
         for picture in members.values():
-            seconds, found = shortest(method, mosaic.pick(picture, PATTERN))
+            seconds, found = shortest(method, cfa.pick(picture, PATTERN))
             row.cpsnr[name].append(cpsnr(found, picture))
             row.seconds[name] += seconds
             row.pixels[name] += picture[0].size

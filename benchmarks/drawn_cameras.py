@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import cfa
+from etendue.physics.sensor import cfa
 from etendue.registry import installed_stages
 from etendue.spec import camera
 from etendue.spec.stage import MISSING, Parameter, Stage, is_source, parameters_of, reads_of, writes_of
@@ -299,7 +299,7 @@ class Drawn:
         return {"rim_radius": float(f"{beam * self.between(1.2, 20) + distance:.6g}"), "rim_distance": distance}
 
     def lens(self, spacing: float) -> None:
-        lenses = self.able(lambda kind: kind.purpose == "lens" and "prescription" not in parameters_of(kind))
+        lenses = self.able(lambda kind: kind.role == "lens" and "prescription" not in parameters_of(kind))
         use = "diffraction" if self.chance(0.5) else self.one_of(("diffraction", "lens_gaussian") if self.small else lenses)
         given: Document = {"light": "cells" if self.cells else "bandlimited"} if "light" in parameters_of(self.registry.load(use)) else {}
         if use == "lens_psf":
@@ -359,8 +359,8 @@ class Drawn:
         self.add("demosaic", self.one_of(self.demosaicers()))
         channels = 3 if "R" in self.letters and self.stages[-1]["use"] != "demosaic_any" else len(self.letters)
         if self.chance(0.5):
-            fits = self.able(lambda kind: kind.purpose in ("sharpening", "denoising") and set(reads_of(kind)) == {"rgb_camera"})
-            deep = self.able(lambda kind: kind.purpose == "sharpening" and "transfers" in kind.reads and "rgb_camera" in kind.reads)
+            fits = self.able(lambda kind: kind.role in ("sharpening", "denoising") and set(reads_of(kind)) == {"rgb_camera"})
+            deep = self.able(lambda kind: kind.role == "sharpening" and "transfers" in kind.reads and "rgb_camera" in kind.reads)
             self.add("restore", self.one_of(deep if self.chance(0.2) and deep and channels == len(self.letters) else fits))
         self.add("fit", "colour_fit", reflectances=None)
         self.add("to_xyz_scene", "camera_to_xyz")
@@ -411,7 +411,7 @@ class Drawn:
         return self.file("photograph.png").name
 
     def bank(self, spacing: float) -> str:
-        from etendue.physics.psf_bank import PsfBank
+        from etendue.physics.field.psf_bank import PsfBank
 
         step = np.arange(-5, 6)[:, None]
         spots = [[np.exp(-0.5 * ((step / (1 + w)) ** 2 + (step.T / (1 + h)) ** 2)) for w in (0.45, 0.65)] for h in (0.0, 0.5)]

@@ -3,7 +3,7 @@
     python benchmarks/emva.py [--seeds 200]
 
 The sensor is the product's own stages (exposure_series, shot_noise, full_well, read_noise, adc); the measurement is
-`etendue.physics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors, bias (in
+`etendue.physics.electronics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors, bias (in
 percent, and in standard errors of the mean), and the share of 95 % intervals that hold the truth. Bound: 90 to 98 %.
 """
 
@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import emva, exposure
-from etendue.physics.noise import philox
+from etendue.physics.electronics import dynamic_range, emva
+from etendue.physics.electronics.noise import philox
 from etendue.run.tables import SensorRandom
 from etendue.spec.grid import Grid, Line
-from etendue.stages.exposure import ExposureSeries, FullWell, ShotNoise
-from etendue.stages.read_out import Adc, ReadNoise
+from etendue.stages.electronics.exposure import ExposureSeries, FullWell, ShotNoise
+from etendue.stages.electronics.read_out import Adc, ReadNoise
 
 ROWS, COLUMNS, LEVELS, FRAMES = 96, 128, 16, 2
 BASE = {
@@ -67,7 +67,7 @@ def frames(values: dict[str, Any], rate: float, seed: int, what: str) -> Any:
 def truth(values: dict[str, Any], pattern_time: float = 0.05) -> tuple[dict[str, float], float]:
     """What a perfect measurement finds, with its patterns after a time; and the photocurrent that saturates after 0.1 s."""
     adc = stage(Adc, values)
-    dark = float(exposure.dark_electrons(values["dark_current_density"], values["pixel_pitch"] ** 2, 1.0))
+    dark = float(dynamic_range.dark_electrons(values["dark_current_density"], values["pixel_pitch"] ** 2, 1.0))
     rate = (adc.saturation() / 0.1) - dark
     return {
         "gain": adc.dn_per_electron(),

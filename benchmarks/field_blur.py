@@ -18,8 +18,8 @@ import numpy as np
 from scipy.special import erf
 from threadpoolctl import threadpool_limits
 
-from etendue.physics import field_blur, warp
-from etendue.physics.psf_bank import PsfBank
+from etendue.physics.field import blur, warp
+from etendue.physics.field.psf_bank import PsfBank
 
 N_LENS, WAVELENGTH, SIZE, PITCH = 4.0, 0.55, 65, 0.5
 HEIGHTS = np.linspace(0.0, 1.0, 9)
@@ -63,15 +63,15 @@ def blurs(n: int) -> None:
     edges = (0.5 + 0.5 * erf(tilted))[None].astype(np.float32)
     for name, waves in LENSES.items():
         pictures = bank(waves, float(np.hypot(line[0], line[0])))
-        reference = field_blur.prepare(pictures, line, line, [WAVELENGTH], "tiles", 1e-3, 65, lost=LOST)
-        exact = [field_blur.apply(scene.astype(float), reference) for scene in (points, edges)]
+        reference = blur.prepare(pictures, line, line, [WAVELENGTH], "tiles", 1e-3, 65, lost=LOST)
+        exact = [blur.apply(scene.astype(float), reference) for scene in (points, edges)]
         print(f"\n{name}: {waves:g} waves, kernels of {reference.choice.size} samples; reference {reference.choice.grid} tiles,", end=" ")
         print(f"bound {reference.choice.error - LOST:.1e} from the direct sum")
         print(f"{'method':<14}{'count':>6}{'ms':>8}{'rms/mean':>11}{'largest, points':>17}{'edges':>10}{'bound':>10}{'cost':>7}")
 
         def row(label: str, prepared: Any, exact: Any = exact) -> float:
-            seconds, image = clock(lambda: field_blur.apply(points, prepared))
-            apart = [np.abs(a - b) for a, b in zip((image, field_blur.apply(edges, prepared)), exact, strict=True)]
+            seconds, image = clock(lambda: blur.apply(points, prepared))
+            apart = [np.abs(a - b) for a, b in zip((image, blur.apply(edges, prepared)), exact, strict=True)]
             rms = float(np.sqrt(np.mean(apart[0] ** 2)) / points.mean())
             choice = prepared.choice
             print(
@@ -82,11 +82,11 @@ def blurs(n: int) -> None:
 
         for method, counts in (("tiles", (5, 9, 17, 33)), ("eigen", (3, 6, 12, 24, 48))):
             for count in counts:
-                row(method, field_blur.prepare(pictures, line, line, [WAVELENGTH], method, 1e-2, count, lost=LOST))  # type: ignore[arg-type]
+                row(method, blur.prepare(pictures, line, line, [WAVELENGTH], method, 1e-2, count, lost=LOST))  # type: ignore[arg-type]
         for tolerance in (3e-2, 1e-2, 3e-3):
             try:
                 start = time.thread_time()
-                prepared = field_blur.prepare(pictures, line, line, [WAVELENGTH], "auto", tolerance, lost=LOST)
+                prepared = blur.prepare(pictures, line, line, [WAVELENGTH], "auto", tolerance, lost=LOST)
                 made = time.thread_time() - start
             except ValueError as error:
                 print(f"auto {tolerance:g}: {error}")
@@ -110,19 +110,19 @@ def claims(n: int) -> None:
     rng = np.random.default_rng(1)
     for kind, bound in ((np.float32, 1e-6), (np.float64, 1e-6)):
         for method in ("tiles", "eigen"):
-            prepared = field_blur.prepare(pictures, line, line, [WAVELENGTH], method, 1e-2, 9)  # type: ignore[arg-type]
+            prepared = blur.prepare(pictures, line, line, [WAVELENGTH], method, 1e-2, 9)  # type: ignore[arg-type]
             reach, worst = prepared.choice.size // 2 + 1, 0.0
             for place in rng.integers(reach, n - reach, (16, 2)):
                 plane = np.zeros((1, n, n), dtype=kind)
                 plane[(0, *place)] = 1.0
-                worst = max(worst, abs(float(field_blur.apply(plane, prepared).sum(dtype=float)) - 1))
+                worst = max(worst, abs(float(blur.apply(plane, prepared).sum(dtype=float)) - 1))
             print(f"flux of a point, {method}, {np.dtype(kind).name:<8}, 16 places{'':<18}{bound:>8.0e} {worst:>10.1e}")
     kernels = [pictures.kernel_at(*place, PITCH)[0] for place in rng.uniform(line[0], line[-1], (50, 2))]
     print(f"flux of a kernel, 50 places and azimuths{'':<15}{1e-6:>8.0e} {max(abs(k.sum() - 1) for k in kernels):>10.1e}")
-    prepared = field_blur.prepare(pictures, line, line, [WAVELENGTH], "tiles", 1e-2, 9, weights="image")
-    worst = float(np.abs(field_blur.apply(np.ones((1, n, n), np.float32), prepared) - 1).max())
+    prepared = blur.prepare(pictures, line, line, [WAVELENGTH], "tiles", 1e-2, 9, weights="image")
+    worst = float(np.abs(blur.apply(np.ones((1, n, n), np.float32), prepared) - 1).max())
     print(f"a uniform plane, weights 'image', float32{'':<14}{1e-6:>8.0e} {worst:>10.1e}")
-    print(f"a uniform plane, weights 'source': divergence of the mean displacement {field_blur.unevenness(pictures):.1e} (not bounded)")
+    print(f"a uniform plane, weights 'source': divergence of the mean displacement {blur.unevenness(pictures):.1e} (not bounded)")
 
 
 def distortion(n: int) -> None:

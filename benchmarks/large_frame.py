@@ -107,7 +107,9 @@ def reference(store: str, out: str) -> None:
     """Float64, whole frame, every band: the same physics without the engine."""
     import zarr
 
-    from etendue.physics import diffraction, photodiode, radiometry, sampling, silicon
+    from etendue.physics.light import radiometry, sampling
+    from etendue.physics.optics import diffraction
+    from etendue.physics.sensor import photodiode, silicon
     from etendue.plan import planner
     from etendue.registry import installed_stages
     from etendue.session import from_document

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import converter, distributions, exposure, noise
-from etendue.physics.noise import philox
+from etendue.physics.electronics import converter, distributions, dynamic_range, noise
+from etendue.physics.electronics.noise import philox
 from etendue.run.tables import SensorRandom
 from etendue.spec.grid import Grid, Line
-from etendue.stages.exposure import ExposureSeries, FullWell, ShotNoise
-from etendue.stages.read_out import Adc, ReadNoise
+from etendue.stages.electronics.exposure import ExposureSeries, FullWell, ShotNoise
+from etendue.stages.electronics.read_out import Adc, ReadNoise
 
 MISSED: list[str] = []
 ROWS, COLUMNS = 256, 256
@@ -161,9 +161,9 @@ def patterns() -> None:
 def ranges() -> None:
     print("dynamic range, two definitions (well 16000 electron, read noise 10, dark current 4 electron/s)")
     for seconds in (0.01, 1.0):
-        dark = exposure.dark_electrons(4 * 1.602176634e-19 / 2.916e-7, 29.16, seconds)
-        elgamal = float(exposure.dynamic_range_elgamal(16000.0, dark, 10.0, 0.0))
-        emva = float(exposure.dynamic_range_emva(16000.0, dark, 10.0, 0.25))
+        dark = dynamic_range.dark_electrons(4 * 1.602176634e-19 / 2.916e-7, 29.16, seconds)
+        elgamal = float(dynamic_range.dynamic_range_elgamal(16000.0, dark, 10.0, 0.0))
+        emva = float(dynamic_range.dynamic_range_emva(16000.0, dark, 10.0, 0.25))
         print(f"  {seconds:5g} s: dark noise as smallest signal {elgamal:.3f} dB, SNR = 1 {emva:.3f} dB")
 
 

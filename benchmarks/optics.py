@@ -75,7 +75,7 @@ def whole_frame() -> int:
 
 def bank(folder: Path) -> str:
     """Spread functions that widen and turn into comets with the field."""
-    from etendue.physics.psf_bank import PsfBank
+    from etendue.physics.field.psf_bank import PsfBank
 
     size, heights = 33, np.linspace(0, 370, 7)
     y, x = np.mgrid[:size, :size] - size // 2

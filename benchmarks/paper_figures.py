@@ -21,9 +21,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from etendue.physics import diffraction, photodiode, silicon
-from etendue.physics.resampling import area_weights
-from etendue.physics.transfer import srgb_decode, srgb_encode
+from etendue.physics.colour.encoding import srgb_decode, srgb_encode
+from etendue.physics.optics import diffraction
+from etendue.physics.scene.resampling import area_weights
+from etendue.physics.sensor import photodiode, silicon
 
 DPI, BOX, GAP, LABEL = 100, 256, 12, 34
 DETAIL = (38, 86, 64)  # first row, first column and side of the part that is drawn four times as large: cap, glasses, eyes

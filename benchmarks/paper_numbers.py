@@ -25,7 +25,12 @@ from typing import Any
 import numpy as np
 
 from etendue.constants import ELEMENTARY_CHARGE
-from etendue.physics import colour, diffraction, exposure, photodiode, radiometry, restoration, silicon, transfer
+from etendue.physics.colour import encoding, matrices
+from etendue.physics.electronics import dynamic_range as exposure
+from etendue.physics.light import radiometry
+from etendue.physics.optics import diffraction
+from etendue.physics.restoration import sharpening as restoration
+from etendue.physics.sensor import photodiode, silicon
 
 GREEN, TRACED = 0.555, 0.550  # um: the wavelengths of the paper's sections 2.5 and of its parameters
 PITCH, WINDOW, DEPLETION, DEPTH, LENGTH = 5.4, 4.0, 1.8, 10.0, 50.0  # um; the diffusion length is not in the paper
@@ -145,19 +150,19 @@ def colour_section() -> list[Row]:
     rows = [("eq. 14 over its second", " ".join(f"{g:.4f}" for g in gains / gains[1]), f"and a factor {gains[1]:.4f} on everything")]
     white = np.ones(3)
     for name, matrix in (
-        ("printed", colour.EQ16_AS_PRINTED),
-        ("0.020 for 0.229", colour.EQ16_CORRECTED),
-        ("full precision", colour.RGB_TO_XYZ_PAL),
+        ("printed", matrices.EQ16_AS_PRINTED),
+        ("0.020 for 0.229", matrices.EQ16_CORRECTED),
+        ("full precision", matrices.RGB_TO_XYZ_PAL),
     ):
         x, y, z = matrix @ white
         rows.append((f"white by eq. 16, {name}", f"{x:.3f} {y:.3f} {z:.3f}", f"xy {x / (x + y + z):.4f} {y / (x + y + z):.4f}"))
-    worst = float(np.abs(colour.EQ16_CORRECTED - colour.RGB_TO_XYZ_PAL).max())
+    worst = float(np.abs(matrices.EQ16_CORRECTED - matrices.RGB_TO_XYZ_PAL).max())
     rows.append(("corrected - full precision", f"{worst:.5f}", "largest entry: three digits of PAL primaries, D65"))
     for exponent in (0.45, 2.2):
         rows.append(
             (
                 f"0.18 by eq. 15, gamma {exponent:g}",
-                f"{float(transfer.gamma_signed(0.18, exponent)):.3f}",
+                f"{float(encoding.gamma_signed(0.18, exponent)):.3f}",
                 "brighter" if exponent < 1 else "darker",
             )
         )

@@ -14,10 +14,11 @@ import time
 
 import numpy as np
 
-from etendue.physics import cfa, crosstalk, photodiode, sampling, silicon
-from etendue.stages.crosstalk import channel_kernels, tables_of
-from etendue.stages.sensitivity import electrons_per_irradiance
-from etendue.stages.sensor import Diffusion, Pixel
+from etendue.physics.light import sampling
+from etendue.physics.sensor import cfa, crosstalk, photodiode, silicon
+from etendue.stages.sensor.crosstalk import channel_kernels, tables_of
+from etendue.stages.sensor.pixel import Diffusion, Pixel
+from etendue.stages.sensor.sensitivity import electrons_per_irradiance
 
 RANDOM = np.random.default_rng(2010)
 POINTS = 3000

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import sampling
-from etendue.physics.noise import philox
+from etendue.physics.electronics.noise import philox
+from etendue.physics.light import sampling
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages

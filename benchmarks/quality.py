@@ -23,10 +23,10 @@ from PIL import Image
 from scipy.signal import fftconvolve
 
 from etendue import spectra
-from etendue.physics import difference, quality, scielab
-from etendue.physics.colour import RGB_TO_XYZ_SRGB, apply_matrix
-from etendue.physics.transfer import srgb_decode
-from etendue.physics.visible_noise import visible_noise
+from etendue.physics.colour.encoding import srgb_decode
+from etendue.physics.colour.matrices import RGB_TO_XYZ_SRGB, apply_matrix, difference
+from etendue.physics.quality import fidelity, scielab
+from etendue.physics.quality.visible_noise import visible_noise
 
 CRT, DOTS, DISTANCE = "Typical CRT Brainard 1997", 0.0254 / 105.8333, 0.3  # m: the display of ISETCam's example, and how near it is
 BROAD_CUT = 0.5  # degrees: where the program of the authors of S-CIELAB, and ISETCam, cut the kernels
@@ -90,8 +90,8 @@ def _mirrored(n: int, spread: float) -> Any:
 
 def measures(picture: Any, reference: Any) -> None:
     exact = -10 * np.log10(np.mean((picture.astype(np.longdouble) - reference) ** 2))
-    line("PSNR, against long double sums, dB", "1e-12", f"{abs(quality.psnr(picture, reference) - float(exact)):.1e}")
-    ours, seconds = timed(lambda: quality.ssim(picture, reference))
+    line("PSNR, against long double sums, dB", "1e-12", f"{abs(fidelity.psnr(picture, reference) - float(exact)):.1e}")
+    ours, seconds = timed(lambda: fidelity.ssim(picture, reference))
     if importlib.util.find_spec("skimage") is None:
         line("SSIM, against scikit-image", "1e-12", f"{1e3 * seconds:.1f} ms", "skipped: not installed")
         return

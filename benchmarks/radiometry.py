@@ -21,7 +21,9 @@ import numpy as np
 import etendue
 from etendue import spectra
 from etendue.constants import PLANCK, SPEED_OF_LIGHT
-from etendue.physics import filters, focus, glare, illumination, radiometry
+from etendue.physics.field import illumination
+from etendue.physics.light import radiometry
+from etendue.physics.optics import filters, focus, glare
 
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "physics_reference.json"
 ROWS: list[tuple[str, str, str, bool]] = []

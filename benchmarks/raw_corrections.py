@@ -18,7 +18,10 @@ from typing import Any
 import numpy as np
 
 import etendue
-from etendue.physics import artefacts, cfa, defect_correction, difference, shading, white_balance
+from etendue.physics.colour import difference
+from etendue.physics.mosaic import defect_correction, shading, white_balance
+from etendue.physics.quality import artefacts
+from etendue.physics.sensor import cfa
 from etendue.registry import installed_stages
 
 MISSED: list[str] = []

@@ -27,8 +27,11 @@ import scipy.fft
 from scipy import ndimage, signal
 from scipy.interpolate import CubicSpline
 
-from etendue.physics import deconvolution, denoise, diffraction, restoration, restoration_gain, sampling
-from etendue.physics.slanted_edge import slanted_edge
+from etendue.physics.light import sampling
+from etendue.physics.optics import diffraction
+from etendue.physics.resolution import restoration_gain
+from etendue.physics.resolution.slanted_edge import slanted_edge
+from etendue.physics.restoration import deconvolution, denoise, sharpening
 
 FILE = Path(__file__).parent.parent / "tests" / "data" / "physics_reference.json"
 PIXELS, FINER, PITCH, WAVELENGTH, F_NUMBER = 160, 6, 4.0, 0.55, 4.0
@@ -169,11 +172,11 @@ def methods(shot: float, floor: float) -> dict[str, Method]:
     found = {"none": Method(lambda p: p, lambda fy, fx: np.ones(np.broadcast(fy, fx).shape), 1.0)}
     for k in (0.05, 0.15):
         found[f"sharpen, k = {k}"] = Method(
-            lambda p, k=k: restoration.sharpen(p, k), lambda fy, fx, k=k: restoration.sharpen_response(fy, fx, k), restoration.noise_gain(k)
+            lambda p, k=k: sharpening.sharpen(p, k), lambda fy, fx, k=k: sharpening.sharpen_response(fy, fx, k), sharpening.noise_gain(k)
         )
     found["unsharp, 0.7 pixel, 0.8"] = Method(
-        lambda p: restoration.unsharp(p, 0.7, 0.8), lambda fy, fx: restoration.unsharp_response(fy, fx, 0.7, 0.8),
-        restoration.unsharp_noise_gain(0.7, 0.8),
+        lambda p: sharpening.unsharp(p, 0.7, 0.8), lambda fy, fx: sharpening.unsharp_response(fy, fx, 0.7, 0.8),
+        sharpening.unsharp_noise_gain(0.7, 0.8),
     )  # fmt: skip
     found["wiener"] = wiener(variance)
     found["richardson_lucy, 10"] = lucy(10)
@@ -264,11 +267,11 @@ def against_time() -> None:
         print(f"{n:4d}   {errors[0]:.4f} ({errors[1]:.4f})   {times[0]:7.1f} ({times[1]:7.1f})")
     print("\none plane of 1024 x 1024 in single precision, ms: this | peer")
     plane = np.random.default_rng(0).uniform(0, 1, (1024, 1024)).astype(np.float32)
-    taps = (np.pad([[1.0]], 1) + 0.15 * restoration.LAPLACIAN).astype(np.float32)
+    taps = (np.pad([[1.0]], 1) + 0.15 * sharpening.LAPLACIAN).astype(np.float32)
     gain = wiener(1e-4).response(*plane_of(plane.shape))
     pairs = {
-        "sharpen | ndimage.convolve": (lambda: restoration.sharpen(plane, 0.15), lambda: ndimage.convolve(plane, taps)),
-        "unsharp | ndimage.gaussian_filter": (lambda: restoration.unsharp(plane, 0.7, 0.8), lambda: ndimage.gaussian_filter(plane, 0.7)),
+        "sharpen | ndimage.convolve": (lambda: sharpening.sharpen(plane, 0.15), lambda: ndimage.convolve(plane, taps)),
+        "unsharp | ndimage.gaussian_filter": (lambda: sharpening.unsharp(plane, 0.7, 0.8), lambda: ndimage.gaussian_filter(plane, 0.7)),
         "wiener, gain at hand | float64 fft2": (
             lambda: deconvolution.apply(plane, gain), lambda: np.fft.ifft2(np.fft.fft2(plane.astype(float)) * 0.5).real
         ),

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.noise import philox
+from etendue.physics.electronics.noise import philox
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.run.cell import _arguments, check

@@ -10,7 +10,10 @@ import click
 import pytest
 
 from etendue.cli import main
-from etendue.physics import colour, diffraction, exposure, photodiode, silicon
+from etendue.physics.colour import matrices
+from etendue.physics.electronics import dynamic_range
+from etendue.physics.optics import diffraction
+from etendue.physics.sensor import photodiode, silicon
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import simulate
@@ -95,7 +98,7 @@ def headlines():
     product = diffraction.circular_otf(nyquist, 0.55, 2.8) * photodiode.aperture_otf(nyquist, 4.0)
     product *= photodiode.collection_mtf(nyquist, float(silicon.absorption(0.55)), 1.8, 10.0, 50.0)
     saddles = [float(diffraction.two_point_saddle(s)[0]) for s in (0.5, 0.6)]
-    printed, right = colour.EQ16_AS_PRINTED.sum(axis=1), colour.EQ16_CORRECTED.sum(axis=1)
+    printed, right = matrices.EQ16_AS_PRINTED.sum(axis=1), matrices.EQ16_CORRECTED.sum(axis=1)
     return {
         "(0.983)": f"({saddles[0]:.3f})",
         "(0.761)": f"({saddles[1]:.3f})",
@@ -104,7 +107,7 @@ def headlines():
         "2.22 µm at f/8": f"{0.5 / diffraction.cutoff_frequency(0.555, 8):.2f} µm at f/8",
         "2.4393398": f"{diffraction.AIRY_DIAMETER:.7f}",
         "11 gives 14.89 µm": f"11 gives {diffraction.airy_diameter(0.555, 11):.2f} µm",
-        "68.05 dB": f"{float(exposure.dynamic_range_elgamal(6e4, 1e-17 / 1.602176634e-19, 20, 10)):.2f} dB",
+        "68.05 dB": f"{float(dynamic_range.dynamic_range_elgamal(6e4, 1e-17 / 1.602176634e-19, 20, 10)):.2f} dB",
         "a Z of 1.298 for 1.089": f"a Z of {printed[2]:.3f} for {right[2]:.3f}",
     }
 

@@ -6,8 +6,9 @@ from etendue.spec.camera import quantity
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
 from etendue.spec.stage import Probe, Stage, param
+from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
     "RGB", "UNKNOWN", "XYZ", "Bands", "EtendueError", "Facts", "Fault", "Grid", "Labels", "Line", "PluginError",
-    "Probe", "RequestError", "Stage", "hookimpl", "param", "quantity",
+    "Probe", "RequestError", "Stage", "fitted", "hookimpl", "measured", "param", "proved", "quantity",
 ]  # fmt: skip

@@ -287,7 +287,7 @@ def compare(
     """Rank alternatives: quality against run time, plugins included.
 
     --axis demosaic.use takes every installed stage that writes what the stage `demosaic` of the file writes and reads no more
-    than it does, and does not say that it serves another purpose; demosaic.use=a,b takes these, and '{ use = "mine",
+    than it does, and does not say that it has another role; demosaic.use=a,b takes these, and '{ use = "mine",
     iterations = 5 }' one with its parameters. Any stage and any parameter may be the axis. Light, mosaic and noise are computed
     once, the same for all that stand behind them.
 

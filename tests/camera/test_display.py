@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etendue import spectra
-from etendue.physics import colour
-from etendue.stages.colour import Balance
-from etendue.stages.display import Decode, Display, Encode, FromCones, ToCones, ToXyz, primaries_to_cones, space_to_xyz
-from etendue.stages.display_white import MEASURED, white_of
+from etendue.physics.colour import matrices
+from etendue.stages.colour.display import Decode, Display, Encode, FromCones, ToCones, ToXyz, primaries_to_cones, space_to_xyz
+from etendue.stages.colour.display_white import MEASURED, white_of
+from etendue.stages.colour.tristimulus import Balance
 
 SPACES = ("sRGB", "Adobe RGB (1998)", "ITU-R BT.2020", "Display P3", "ProPhoto RGB", *MEASURED)
 
@@ -105,5 +105,5 @@ def test_colours_are_named_by_their_state_so_that_codes_cannot_be_taken_for_ligh
 
 
 def test_the_misprinted_matrix_is_blue_and_the_corrected_one_is_not():
-    assert_allclose(colour.EQ16_CORRECTED @ np.ones(3), white_of("sRGB"), atol=1e-3)
-    assert abs((colour.EQ16_AS_PRINTED @ np.ones(3))[2] - white_of("sRGB")[2]) > 0.2
+    assert_allclose(matrices.EQ16_CORRECTED @ np.ones(3), white_of("sRGB"), atol=1e-3)
+    assert abs((matrices.EQ16_AS_PRINTED @ np.ones(3))[2] - white_of("sRGB")[2]) > 0.2

@@ -12,7 +12,7 @@ import etendue
 from etendue import spectra
 from etendue.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
 from etendue.errors import RequestError
-from etendue.physics import electronics, emva
+from etendue.physics.electronics import amplifier, emva
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import load
@@ -64,7 +64,7 @@ def test_dark_charge_follows_the_temperature_and_is_as_given_at_the_reference():
     tree = etendue.simulate(document)
     charge = tree["exposure"].expected_charge.values[:, 0, 0]
     at_reference = 1e-9 / 1.602176634e-19 * 5.4e-4**2 * 0.01
-    factors = [electronics.dark_current_factor(t, 298.15) for t in (288.15, 298.15, 318.15)]
+    factors = [amplifier.dark_current_factor(t, 298.15) for t in (288.15, 298.15, 318.15)]
     np.testing.assert_allclose(charge, at_reference * np.array(factors), rtol=1e-14)
     np.testing.assert_allclose(tree["dynamic_range"].dark_charge, charge, rtol=1e-14)
 

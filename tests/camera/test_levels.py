@@ -9,7 +9,8 @@ import pytest
 import etendue
 from etendue import spectra
 from etendue.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
-from etendue.physics import diffraction, photodiode
+from etendue.physics.optics import diffraction
+from etendue.physics.sensor import photodiode
 
 SENSOR = ("mosaic", "exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise")
 COLOUR = ("demosaic_bilinear", "white", "colour_fit", "camera_to_xyz", "balance", "display", "encode")
@@ -159,6 +160,6 @@ def test_an_edge_behind_the_pixel_is_the_fourier_integral_of_optics_diffusion_an
 
 
 def _silicon():
-    from etendue.physics import silicon
+    from etendue.physics.sensor import silicon
 
     return float(silicon.absorption(np.array(0.55))), 1.8

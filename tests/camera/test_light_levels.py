@@ -8,7 +8,9 @@ import pytest
 import etendue
 from etendue import spectra
 from etendue.errors import RequestError
-from etendue.physics import focus, illumination, radiometry
+from etendue.physics.field import illumination
+from etendue.physics.light import radiometry
+from etendue.physics.optics import focus
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.spec.pipeline import from_document

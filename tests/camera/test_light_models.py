@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose
 from scipy.special import ndtr
 
 import etendue
-from etendue.physics import diffraction, photodiode
-from etendue.physics.undershoot import LARGEST_OF_A_POINT, LARGEST_OF_A_SCENE, undershoot
+from etendue.physics.optics import diffraction
+from etendue.physics.optics.undershoot import LARGEST_OF_A_POINT, LARGEST_OF_A_SCENE, undershoot
+from etendue.physics.sensor import photodiode
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import load
@@ -127,7 +128,7 @@ def test_dark_light_beside_a_highlight_is_right_in_the_precision_that_the_plan_c
 @pytest.mark.parametrize("pitch", [2.7, 2.5, 1.1])
 def test_a_hard_edge_on_pixels_is_the_fourier_integral_of_optics_diffusion_and_aperture(pitch):
     """Whole and fractional numbers of cells to a pixel. Cells with a border on the edge hold it exactly."""
-    from etendue.physics import silicon
+    from etendue.physics.sensor import silicon
 
     spacing, fraction, number, count = 0.9, 0.741, 4.0, 40
     chart = {"use": "slanted_edge", "angle": 0, "low": 0.1, "high": 0.9, "softness": 0, "light": "cells", "spacing": spacing}

@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import etendue
 from etendue.export.command import raw_frame
 from etendue.export.frames import Shelf
-from etendue.physics import cfa, shading
+from etendue.physics.mosaic import shading
+from etendue.physics.sensor import cfa
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import from_document
@@ -306,7 +307,7 @@ def test_a_sensor_without_defects_keeps_every_bit():
 
 
 def test_a_rim_that_the_correction_does_not_know_is_noted():
-    from etendue.stages.shading import LensShading
+    from etendue.stages.mosaic.shading import LensShading
 
     assert "rim" in LensShading().warn_among(("scene", "vignetting"))[0]
     assert not LensShading(rim_radius=3.0).warn_among(("vignetting",)) and not LensShading().warn_among(("falloff",))

@@ -13,13 +13,14 @@ from scipy import special
 
 import etendue
 from etendue.api import Grid, Line
-from etendue.physics import silicon, two_points
-from etendue.physics.transfer import bt709_encode, srgb_encode
+from etendue.physics.colour.encoding import bt709_encode, srgb_encode
+from etendue.physics.resolution import two_points
+from etendue.physics.sensor import silicon
 from etendue.run.otf import Otf
-from etendue.stages.edge_resolution import EVERY_FACTOR, FLAGS, EdgeProbe, _span
-from etendue.stages.lens import Diffraction
-from etendue.stages.resolution import FACTORS, Resolution
-from etendue.stages.sensor import Diffusion, Pixel
+from etendue.stages.optics.lens import Diffraction
+from etendue.stages.resolution.analytic import FACTORS, Resolution
+from etendue.stages.resolution.edge import EVERY_FACTOR, FLAGS, EdgeProbe, _span
+from etendue.stages.sensor.pixel import Diffusion, Pixel
 from tests.run.small import assert_same_bits
 
 REFERENCE = Path(__file__).parents[1] / "data" / "physics_reference.json"

@@ -13,13 +13,17 @@ from scipy.optimize import brentq
 
 import etendue
 from etendue.errors import RequestError
-from etendue.physics import deconvolution, resolution, sampling, slanted_edge
+from etendue.physics.light import sampling
+from etendue.physics.resolution import contrast, slanted_edge
+from etendue.physics.restoration import deconvolution
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.run.otf import Otf
 from etendue.spec.pipeline import from_document
 from etendue.spec.stage import is_transfer
-from etendue.stages.deconvolve import (
+from etendue.stages.electronics.known_noise import KnownNoise
+from etendue.stages.optics.lens import Diffraction
+from etendue.stages.restoration.deconvolution import (
     NO_TRANSFER,
     RestoreLaplacian,
     RestoreRichardsonLucy,
@@ -29,10 +33,8 @@ from etendue.stages.deconvolve import (
     System,
     Wiener,
 )
-from etendue.stages.known_noise import KnownNoise
-from etendue.stages.lens import Diffraction
-from etendue.stages.restore import Sharpen, Unsharp
-from etendue.stages.sensor import Diffusion, Pixel
+from etendue.stages.restoration.sharpening import Sharpen, Unsharp
+from etendue.stages.sensor.pixel import Diffusion, Pixel
 
 EDGES = tuple(float(e) for e in range(400, 720, 40))
 QE = (0.36, 0.44, 0.4)
@@ -85,7 +87,7 @@ def test_a_table_of_the_transfer_function_errs_less_than_it_says(kind, f_number,
 def test_a_large_frame_is_taken_in_parts_with_the_same_values(monkeypatch):
     transfers = light_of(4.0, 4.0)
     whole = Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"]
-    monkeypatch.setattr("etendue.stages.deconvolve.BLOCK", 3000)
+    monkeypatch.setattr("etendue.stages.restoration.deconvolution.BLOCK", 3000)
     assert_array_equal(Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"], whole)
 
 
@@ -377,4 +379,4 @@ def test_resolution_is_what_the_search_of_the_other_figures_finds():
     """`mtf50_gain` of no restoration is 1 exactly, of the same search on the same curve."""
     transfers = light_of(8.0, 4.0)
     assert RestoreLaplacian(pixel_pitch=4.0, strength=0.0).run(picture(), transfers)["mtf50_gain"] == 1.0
-    assert resolution.mtf50(lambda f: green(transfers, f, 4.0)[None], None, 1.0, 256) < 0.5
+    assert contrast.mtf50(lambda f: green(transfers, f, 4.0)[None], None, 1.0, 256) < 0.5

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue.physics import diffraction, focus, imaging, sampling
+from etendue.physics.light import sampling
+from etendue.physics.optics import diffraction, focus, imaging
 from etendue.spec.grid import Bands, Grid, Line
-from etendue.stages.aberrations import Aberrations
-from etendue.stages.lens import Diffraction
-from etendue.stages.optics import Irradiance
-from etendue.stages.wavefront import Wavefront
+from etendue.stages.field.aberrations import Aberrations
+from etendue.stages.optics.gathering import Irradiance
+from etendue.stages.optics.lens import Diffraction
+from etendue.stages.optics.wavefront import Wavefront
 
 BANDS = np.array([450.0, 550.0, 650.0])
 FY = sampling.frequencies(40, 0.5, half=False)[:, None]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from etendue.physics.psf_bank import PsfBank
+from etendue.physics.field.psf_bank import PsfBank
 from etendue.registry import installed_stages
 from etendue.spec.stage import MISSING, is_source, parameters_of
 from etendue.testing import StageConformance

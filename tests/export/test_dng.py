@@ -8,7 +8,8 @@ import tifffile
 from numpy.testing import assert_allclose
 
 from etendue.export import dng
-from etendue.physics import cfa, colour
+from etendue.physics.colour import matrices
+from etendue.physics.sensor import cfa
 
 MATRIX = np.array([[0.62, 0.28, 0.05], [0.26, 0.79, -0.05], [0.01, -0.09, 1.17]])
 WHITE = np.array([0.41, 0.70, 0.52])
@@ -105,7 +106,7 @@ def test_ratios_hold_their_numbers():
 
 
 def test_forward_matrix_of_a_d50_scene_needs_no_adaptation():
-    d50 = colour.von_kries_matrix(MATRIX.sum(axis=1), dng.D50_XYZ, colour.TRANSFORMS["bradford"]) @ MATRIX
+    d50 = matrices.von_kries_matrix(MATRIX.sum(axis=1), dng.D50_XYZ, matrices.TRANSFORMS["bradford"]) @ MATRIX
     assert_allclose(dng.colour_matrices(WHITE, d50)[1], d50, atol=1e-14)
 
 

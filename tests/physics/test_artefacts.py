@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics import artefacts
+from etendue.physics.quality import artefacts
 
 
 def _lab(seed, shape=(9, 11)):

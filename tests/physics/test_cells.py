@@ -6,8 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics import cell_pixels, cells, lens, photodiode
-from etendue.physics.diffraction import airy_outside, circular_otf, cutoff_frequency, pixel_airy
+from etendue.physics.light import cell_pixels, cells
+from etendue.physics.optics import lens
+from etendue.physics.optics.diffraction import airy_outside, circular_otf, cutoff_frequency, pixel_airy
+from etendue.physics.sensor import photodiode
 
 
 def airy(wavelength, number):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics import cfa, crosstalk, photodiode, silicon
+from etendue.physics.sensor import cfa, crosstalk, photodiode, silicon
 
 REDDISH = float(silicon.absorption(0.65))
 masks = st.sampled_from(cfa.NAMES).map(cfa.parse)

@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import convolve1d
 
-from etendue.physics import demosaic, mosaic
-from etendue.physics.demosaic_directional import FLOOR, directional
+from etendue.physics.mosaic import bilinear
+from etendue.physics.mosaic.directional import FLOOR, directional
+from etendue.physics.sensor import cfa
 
-patterns = st.sampled_from(mosaic.PATTERNS)
+patterns = st.sampled_from(cfa.BAYER)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -20,7 +21,7 @@ def noise(shape, seed):
 
 def as_described(raw, pattern, floor):
     """Steps 1 to 4 of the module on full frames, each as a convolution of a mirrored frame."""
-    colour = mosaic.colour_index(pattern, *raw.shape)
+    colour = cfa.channel_index(pattern, *raw.shape)
     sign = np.where(colour == 1, -1.0, 1.0)
     estimates, dissimilar = [], []
     for axis in (1, 0):
@@ -64,7 +65,7 @@ def test_a_grey_grating_along_an_axis_is_restored_as_the_square_of_the_floor(pat
     # the wrong direction has the weight 1 / (1 + (1 + d / floor)^2), whose next term is 2 floor / d, d being some 0.3
     assert_allclose(errors[0] / errors[1], 4.0, rtol=0.05)
     assert errors[2] < 1e-14  # values up to 1
-    assert np.abs(demosaic.colour_difference(grey.copy(), pattern) - grey)[inner].max() > 10 * errors[0]
+    assert np.abs(bilinear.colour_difference(grey.copy(), pattern) - grey)[inner].max() > 10 * errors[0]
 
 
 def test_a_floor_above_all_differences_gives_rows_and_columns_equal_parts():
@@ -114,14 +115,14 @@ def test_fine_coloured_detail_comes_out_better_than_from_plain_colour_difference
     y, x = np.mgrid[:192, :192] - 95.5
     wave = 0.5 + 0.45 * np.cos(np.pi * (x**2 + y**2) / 420)
     planes = np.stack([0.8 * wave + 0.1, wave, 0.6 * wave])
-    raw = mosaic.pick(planes, "RGGB")
+    raw = cfa.pick(planes, "RGGB")
 
     def squared(method):
         return np.square(method(raw, "RGGB") - planes)[:, 10:-10, 10:-10].mean()
 
     # 3 dB and more
-    assert squared(directional) < 0.5 * squared(demosaic.colour_difference)
-    assert squared(demosaic.colour_difference) < squared(demosaic.bilinear) < squared(demosaic.nearest)
+    assert squared(directional) < 0.5 * squared(bilinear.colour_difference)
+    assert squared(bilinear.colour_difference) < squared(bilinear.bilinear) < squared(bilinear.nearest)
 
 
 @pytest.mark.parametrize("floor", [0.0, -1.0, np.inf, np.nan])

@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from etendue.physics import demosaic, demosaic_frame
-from etendue.physics.demosaic_directional import directional
+from etendue.physics.mosaic import bilinear
+from etendue.physics.mosaic import frame as demosaic_frame
+from etendue.physics.mosaic.directional import directional
 
-METHODS = (demosaic.bilinear, demosaic.colour_difference, directional)
+METHODS = (bilinear.bilinear, bilinear.colour_difference, directional)
 
 
 @given(rows=st.integers(2, 12), columns=st.integers(2, 12), reach=st.integers(1, 30), seed=st.integers(0, 2**32 - 1))

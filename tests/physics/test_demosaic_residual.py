@@ -9,9 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics import demosaic, demosaic_frame, demosaic_residual, mosaic
-from etendue.physics.demosaic_directional import directional
-from etendue.physics.demosaic_residual import REACH, residual
+from etendue.physics.mosaic import bilinear
+from etendue.physics.mosaic import frame as demosaic_frame
+from etendue.physics.mosaic import residual as demosaic_residual
+from etendue.physics.mosaic.directional import directional
+from etendue.physics.mosaic.residual import REACH, residual
+from etendue.physics.sensor import cfa
 
 SMALL = [(1, 1), (1, 2), (2, 1), (1, 7), (6, 1), (2, 2), (2, 3), (3, 2), (3, 3), (5, 8), (31, 4)]
 FLIPPED_ROWS = {"RGGB": "GBRG", "GBRG": "RGGB", "BGGR": "GRBG", "GRBG": "BGGR"}
@@ -19,7 +22,7 @@ FLIPPED_COLUMNS = {"RGGB": "GRBG", "GRBG": "RGGB", "BGGR": "GBRG", "GBRG": "BGGR
 TRANSPOSED = {"RGGB": "RGGB", "BGGR": "BGGR", "GRBG": "GBRG", "GBRG": "GRBG"}
 INSIDE = np.s_[:, REACH:-REACH, REACH:-REACH]
 
-patterns = st.sampled_from(mosaic.PATTERNS)
+patterns = st.sampled_from(cfa.BAYER)
 seeds = st.integers(0, 2**32 - 1)
 shapes = st.tuples(st.integers(2, 12), st.integers(2, 12))
 few = settings(max_examples=25, deadline=None)
@@ -51,17 +54,17 @@ def decibels(found, truth, border=10):
     return -10 * np.log10(np.mean((found[inner] - truth[inner]) ** 2))
 
 
-@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+@pytest.mark.parametrize("pattern", cfa.BAYER)
 @pytest.mark.parametrize("shape", SMALL)
 def test_frames_of_all_sizes_are_filled_and_measured_samples_untouched(pattern, shape):
     raw = noise(shape, 7) - 0.3
     before = raw.copy()
     planes = residual(raw, pattern)
     assert planes.shape == (3, *shape) and np.isfinite(planes).all()
-    assert_array_equal(mosaic.pick(planes, pattern), raw)
+    assert_array_equal(cfa.pick(planes, pattern), raw)
     assert_array_equal(raw, before)
     if 1 in shape:
-        assert_array_equal(planes, demosaic.colour_difference(raw, pattern))
+        assert_array_equal(planes, bilinear.colour_difference(raw, pattern))
 
 
 @few
@@ -116,21 +119,21 @@ def test_what_stands_in_one_pixel_reaches_no_farther_than_it_says(value):
     changed = (residual(other, "BGGR") != residual(raw, "BGGR")).any(axis=0)
     rows, columns = np.nonzero(changed)
     assert max(abs(rows - y).max(), abs(columns - x).max()) <= REACH
-    assert_array_equal(mosaic.pick(residual(other, "BGGR"), "BGGR"), other)  # what was measured beside it is still there
+    assert_array_equal(cfa.pick(residual(other, "BGGR"), "BGGR"), other)  # what was measured beside it is still there
 
 
-@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+@pytest.mark.parametrize("pattern", cfa.BAYER)
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_constant_colours_stay_constant_up_to_the_border(pattern, kind):
     planes = np.broadcast_to(np.array([0.3, 0.7, 0.1], kind)[:, None, None], (3, 21, 26))
-    assert_allclose(residual(mosaic.pick(planes, pattern), pattern), planes, rtol=0, atol=4 * np.finfo(kind).eps)
+    assert_allclose(residual(cfa.pick(planes, pattern), pattern), planes, rtol=0, atol=4 * np.finfo(kind).eps)
     assert not residual(np.zeros((9, 8), kind), pattern).any()
 
 
 def test_linear_planes_are_exact_inside_the_border():
     y, x = np.mgrid[: 2 * REACH + 20, : 2 * REACH + 30]
     planes = np.stack([0.1 + 1e-3 * y + 3e-3 * x, 0.6 - 2e-3 * y + 1e-3 * x, 0.9 + 5e-4 * y - 2e-3 * x])
-    found = residual(mosaic.pick(planes, "GRBG"), "GRBG")
+    found = residual(cfa.pick(planes, "GRBG"), "GRBG")
     # half-lines to the left and the right differ by their floors, which follow the level: a little of the slope stays
     assert_allclose(found[INSIDE], planes[INSIDE], rtol=0, atol=3e-7)
 
@@ -139,7 +142,7 @@ def test_linear_planes_are_exact_inside_the_border():
 def test_a_grey_grating_along_an_axis_is_restored_to_one_percent(across):
     line = noise(140, 4)
     grey = np.broadcast_to(line if across else line[:, None], (140, 140)).copy()
-    errors = [np.abs(method(grey, "RGGB") - grey)[INSIDE].max() for method in (residual, demosaic.colour_difference)]
+    errors = [np.abs(method(grey, "RGGB") - grey)[INSIDE].max() for method in (residual, bilinear.colour_difference)]
     assert errors[0] < 0.01 < 0.3 < errors[1]  # the floor of the weights is 1 % of the level
 
 
@@ -170,7 +173,7 @@ def test_extremes_of_single_precision_stay_finite_and_silent(peak):
         warnings.simplefilter("error")
         planes = residual(raw, "RGGB")
     assert np.isfinite(planes).all()
-    assert_array_equal(mosaic.pick(planes, "RGGB"), raw)
+    assert_array_equal(cfa.pick(planes, "RGGB"), raw)
 
 
 def test_integers_and_half_precision_are_taken():
@@ -193,8 +196,8 @@ def test_what_is_no_bayer_mosaic_is_refused():
 @pytest.mark.parametrize("colours", [0.0, 1.0])
 def test_it_is_nearer_to_the_truth_than_the_directional_method_on_grey_and_on_coloured_discs(colours, seed):
     truth = discs(seed, colours=colours)
-    raw = mosaic.pick(truth, "GRBG")
-    found, peer, plain = (decibels(m(raw, "GRBG"), truth) for m in (residual, directional, demosaic.bilinear))
+    raw = cfa.pick(truth, "GRBG")
+    found, peer, plain = (decibels(m(raw, "GRBG"), truth) for m in (residual, directional, bilinear.bilinear))
     assert found > peer + 0.5
     assert found > plain + 1
 
@@ -203,8 +206,8 @@ def test_it_is_nearer_to_the_truth_than_the_directional_method_on_grey_and_on_co
 def test_shot_noise_does_not_mislead_it(colours):
     """400 electrons at 1: a signal-to-noise ratio of 20 in white. Averages fare well there, and it is no worse."""
     truth = discs(3, colours=colours)
-    raw = np.random.default_rng(0).poisson(400 * mosaic.pick(truth, "GRBG")) / 400
-    assert decibels(residual(raw, "GRBG"), truth) > decibels(demosaic.bilinear(raw, "GRBG"), truth)
+    raw = np.random.default_rng(0).poisson(400 * cfa.pick(truth, "GRBG")) / 400
+    assert decibels(residual(raw, "GRBG"), truth) > decibels(bilinear.bilinear(raw, "GRBG"), truth)
 
 
 def test_the_smooth_estimator_knows_its_error():

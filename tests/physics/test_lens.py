@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 
-from etendue.physics.diffraction import airy_psf_density, circular_otf
-from etendue.physics.lens import (
+from etendue.physics.optics.diffraction import airy_psf_density, circular_otf
+from etendue.physics.optics.lens import (
     gaussian_otf,
     gaussian_sigma_from_fwhm,
     psf_image_otf,

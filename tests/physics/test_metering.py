@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics import exposure, metering
+from etendue.physics.electronics import dynamic_range, metering
 
 
 def test_exposure_value_is_zero_at_f1_and_one_second_and_15_on_a_sunny_day():
@@ -53,7 +53,7 @@ def test_the_charge_at_an_snr_has_that_snr(snr, variance):
 
 
 def test_one_at_snr_1_is_the_threshold_of_emva():
-    assert_allclose(metering.charge_at_snr(1.0, 25.0 + 1 / 12), exposure.emva_smallest_photons(1.0, 1.0, 5.0), rtol=1e-15)
+    assert_allclose(metering.charge_at_snr(1.0, 25.0 + 1 / 12), dynamic_range.emva_smallest_photons(1.0, 1.0, 5.0), rtol=1e-15)
 
 
 def test_a_grey_card_has_018_of_the_white():

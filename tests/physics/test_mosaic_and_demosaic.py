@@ -6,15 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics import demosaic, mosaic
-from etendue.physics.demosaic_directional import directional
+from etendue.physics.mosaic import bilinear
+from etendue.physics.mosaic.directional import directional
+from etendue.physics.sensor import cfa
 from tests.physics.reference import extra
 
-METHODS = (demosaic.nearest, demosaic.bilinear, demosaic.colour_difference, directional)
-REACH = {demosaic.nearest: 1, demosaic.bilinear: 1, demosaic.colour_difference: 2, directional: 6}
+METHODS = (bilinear.nearest, bilinear.bilinear, bilinear.colour_difference, directional)
+REACH = {bilinear.nearest: 1, bilinear.bilinear: 1, bilinear.colour_difference: 2, directional: 6}
 SMALL = [(1, 1), (1, 2), (2, 1), (1, 3), (1, 6), (5, 1), (2, 2), (3, 2), (2, 3), (3, 3), (5, 7), (8, 8)]
 
-patterns = st.sampled_from(mosaic.PATTERNS)
+patterns = st.sampled_from(cfa.BAYER)
 methods = st.sampled_from(METHODS)
 shapes = st.tuples(st.integers(1, 9), st.integers(1, 9))
 seeds = st.integers(0, 2**32 - 1)
@@ -29,33 +30,32 @@ def noise(shape, seed):
 @given(pattern=patterns, shape=shapes, seed=seeds)
 def test_each_pixel_keeps_the_colour_the_pattern_names(pattern, shape, seed):
     planes = noise((3, *shape), seed)
-    index = mosaic.colour_index(pattern, *shape)
-    picked = mosaic.pick(planes, pattern)
+    index = cfa.channel_index(pattern, *shape)
+    picked = cfa.pick(planes, pattern)
     assert_array_equal(picked, np.take_along_axis(planes, index[None].astype(int), 0)[0])
     for (y, x), colour in np.ndenumerate(index):
         assert "RGB"[colour] == pattern[2 * (y % 2) + x % 2]
-        assert (y % 2, x % 2) in mosaic.phase(pattern)["RGB"[colour]]
+        assert (y % 2, x % 2) in cfa.phase(pattern)["RGB"[colour]]
 
 
 def test_unknown_patterns_are_refused_with_the_four_that_exist():
     for call in (
-        lambda: mosaic.phase("RGBG"),
-        lambda: mosaic.pick(np.zeros((3, 2, 2)), "rggb"),
-        lambda: demosaic.bilinear(np.zeros((4, 4)), "XTRANS"),
+        lambda: cfa.phase("RGBG"),
+        lambda: bilinear.bilinear(np.zeros((4, 4)), "XTRANS"),
     ):
         with pytest.raises(ValueError, match="RGGB, BGGR, GRBG, GBRG"):
             call()
     with pytest.raises(ValueError, match="planes has shape"):
-        mosaic.pick(np.zeros((2, 4, 4)), "RGGB")
+        cfa.pick(np.zeros((2, 4, 4)), "RGGB")
     for shape in ((4,), (0, 4), (3, 4, 4)):
         with pytest.raises(ValueError, match="mosaic has shape"):
-            demosaic.nearest(np.zeros(shape), "RGGB")
+            bilinear.nearest(np.zeros(shape), "RGGB")
 
 
 @pytest.mark.parametrize("case", extra("demosaic_exact"), ids=lambda c: c["pattern_top_left_row_major"])
 @pytest.mark.parametrize("name", ["bilinear", "colour_difference_bilinear"])
 def test_the_rational_cases_are_exact_in_the_interior(case, name):
-    method = demosaic.bilinear if name == "bilinear" else demosaic.colour_difference
+    method = bilinear.bilinear if name == "bilinear" else bilinear.colour_difference
     planes = method(np.array(case["mosaic"]), case["pattern_top_left_row_major"])
     first, last = case["rows_cols"]
     # sums of 12-bit integers over 2, 4 and 16 are exact in binary
@@ -68,11 +68,11 @@ def test_measured_samples_are_untouched(pattern, shape, seed, method):
     planes = method(raw, pattern)
     assert planes.shape == (3, *shape)
     assert np.isfinite(planes).all()
-    assert_array_equal(mosaic.pick(planes, pattern), raw)
+    assert_array_equal(cfa.pick(planes, pattern), raw)
 
 
 @pytest.mark.parametrize("shape", SMALL)
-@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+@pytest.mark.parametrize("pattern", cfa.BAYER)
 def test_a_constant_grey_frame_of_any_size_stays_constant(pattern, shape):
     for method in METHODS:
         # sums of 2 and 4 equal numbers over 2 and 4 are exact
@@ -83,7 +83,7 @@ def test_a_constant_grey_frame_of_any_size_stays_constant(pattern, shape):
 def test_constant_colours_stay_constant_up_to_the_border(pattern, rows, columns, method):
     planes = np.broadcast_to(np.array([0.7, 0.2, 0.4])[:, None, None], (3, rows, columns))
     # G - (G - R) rounds at 1e-16, and differences of differences at a few of it
-    assert_allclose(method(mosaic.pick(planes, pattern), pattern), planes, rtol=0, atol=5e-16)
+    assert_allclose(method(cfa.pick(planes, pattern), pattern), planes, rtol=0, atol=5e-16)
 
 
 @given(pattern=patterns, seed=seeds)
@@ -94,14 +94,14 @@ def test_linear_planes_are_exact_inside_the_border(pattern, seed):
     for method in METHODS[1:]:
         border = REACH[method]
         inner = np.s_[:, border:-border, border:-border]
-        result = method(mosaic.pick(planes, pattern), pattern)
+        result = method(cfa.pick(planes, pattern), pattern)
         assert_allclose(result[inner], planes[inner], rtol=0, atol=3e-14)  # values up to 35
 
 
 @given(pattern=patterns, seed=seeds, method=methods, colour=st.integers(0, 2))
 def test_a_colour_cast_moves_its_own_plane_only(pattern, seed, method, colour):
     raw = noise((6, 7), seed)
-    cast = 0.25 * (mosaic.colour_index(pattern, 6, 7) == colour)
+    cast = 0.25 * (cfa.channel_index(pattern, 6, 7) == colour)
     moved = method(raw + cast, pattern) - method(raw, pattern)
     if REACH[method] > 1 and colour == 1:  # red and blue follow green, measured samples do not
         moved[[0, 2]] = 0
@@ -124,11 +124,11 @@ def test_mirrored_and_transposed_scenes_give_mirrored_and_transposed_pictures(pa
 @given(pattern=patterns, seed=seeds)
 def test_nearest_repeats_its_cell_with_the_green_of_the_row(pattern, seed):
     raw = noise((4, 6), seed)
-    planes = demosaic.nearest(raw, pattern)
+    planes = bilinear.nearest(raw, pattern)
     for colour in (0, 2):
-        [(row, column)] = mosaic.phase(pattern)["RGB"[colour]]
+        [(row, column)] = cfa.phase(pattern)["RGB"[colour]]
         assert_array_equal(planes[colour], raw[row::2, column::2].repeat(2, axis=0).repeat(2, axis=1))
-    for row, column in mosaic.phase(pattern)["G"]:
+    for row, column in cfa.phase(pattern)["G"]:
         assert_array_equal(planes[1, row::2], raw[row::2, column::2].repeat(2, axis=1))
 
 
@@ -178,7 +178,7 @@ def test_a_single_line_interpolates_along_itself_and_fills_in_the_absent_colour(
         present = np.delete(planes, absent, axis=0)
         assert_allclose(planes[absent], present.mean(axis=0), rtol=1e-15)
     even = "RGB".index(pattern[0])
-    line = demosaic.bilinear(raw, pattern)[even, 0]
+    line = bilinear.bilinear(raw, pattern)[even, 0]
     if length > 2:
         assert_allclose(line[1], (raw[0, 0] + raw[0, 2]) / 2, rtol=1e-15)
     if length % 2 == 0:
@@ -192,7 +192,7 @@ def test_nan_spreads_no_further_than_the_method_reaches(method):
     found = method(raw, "GRBG")
     y, x = np.nonzero(np.isnan(found).any(axis=0))
     assert max(abs(y - 9).max(), abs(x - 8).max()) <= REACH[method]
-    assert_array_equal(mosaic.pick(found, "GRBG"), raw)  # what was measured beside it is still there
+    assert_array_equal(cfa.pick(found, "GRBG"), raw)  # what was measured beside it is still there
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import special
 
-from etendue.physics import distributions, noise
+from etendue.physics.electronics import distributions, noise
 from tests.physics.reference import cases
 
 

@@ -6,14 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics import demosaic, restoration
-from etendue.physics.noise_propagation import (
+from etendue.physics.colour.noise_propagation import (
     carried_covariance,
     correlation,
     found_covariance,
     standard_error_of_variance,
     without_trend,
 )
+from etendue.physics.mosaic import bilinear
+from etendue.physics.restoration import sharpening
 
 PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
@@ -30,23 +31,23 @@ def answers(chain, size=24):
 
 def test_bilinear_interpolation_of_red_keeps_nine_sixteenths_of_the_variance():
     """By hand: 1 at red's own place, 1/2 at two, 1/4 at one of four; green 1 at two places and 1/4 at two."""
-    found = carried_covariance(answers(lambda m: demosaic.bilinear(m, "RGGB")), np.ones(4))
+    found = carried_covariance(answers(lambda m: bilinear.bilinear(m, "RGGB")), np.ones(4))
     assert_allclose(np.diag(found), [(1 + 0.5 + 0.5 + 0.25) / 4, (1 + 1 + 0.25 + 0.25) / 4, (1 + 0.5 + 0.5 + 0.25) / 4], rtol=1e-15)
     assert_allclose(found - np.diag(np.diag(found)), 0, atol=1e-16)  # no channel takes anything from another
 
 
 def test_colour_differences_correlate_the_channels():
-    found = carried_covariance(answers(lambda m: demosaic.colour_difference(m, "RGGB")), np.ones(4))
+    found = carried_covariance(answers(lambda m: bilinear.colour_difference(m, "RGGB")), np.ones(4))
     shared = correlation(found, np.diag(found))
     assert (shared > 0.2).all() and np.allclose(np.diag(shared), 1)
 
 
 def test_sharpening_after_interpolation_multiplies_what_both_answer_to_a_pixel():
     """White noise through the Laplacian alone has the closed noise gain; after bilinear, neighbours correlate and it gains less."""
-    alone = carried_covariance(answers(lambda m: restoration.sharpen(m, 0.2)[None]), np.ones(4))
-    assert_allclose(alone[0, 0], restoration.noise_gain(0.2) ** 2, rtol=1e-14)
-    plain = carried_covariance(answers(lambda m: demosaic.bilinear(m, "RGGB")), np.ones(4))
-    both = carried_covariance(answers(lambda m: restoration.sharpen(demosaic.bilinear(m, "RGGB"), 0.2)), np.ones(4))
+    alone = carried_covariance(answers(lambda m: sharpening.sharpen(m, 0.2)[None]), np.ones(4))
+    assert_allclose(alone[0, 0], sharpening.noise_gain(0.2) ** 2, rtol=1e-14)
+    plain = carried_covariance(answers(lambda m: bilinear.bilinear(m, "RGGB")), np.ones(4))
+    both = carried_covariance(answers(lambda m: sharpening.sharpen(bilinear.bilinear(m, "RGGB"), 0.2)), np.ones(4))
     assert (np.diag(both) > np.diag(plain)).all() and (np.diag(both) < np.diag(plain) * alone[0, 0]).all()
 
 
@@ -54,7 +55,7 @@ def test_sharpening_after_interpolation_multiplies_what_both_answer_to_a_pixel()
 @settings(max_examples=20, deadline=None)
 def test_a_matrix_on_the_channels_acts_on_the_covariance_from_both_sides(seed):
     matrix = np.random.default_rng(seed).normal(size=(3, 3))
-    plain = answers(lambda m: demosaic.bilinear(m, "RGGB"))
+    plain = answers(lambda m: bilinear.bilinear(m, "RGGB"))
     mixed = np.einsum("ij,pjyx->piyx", matrix, plain)
     v = np.array([1.0, 2.0, 2.0, 5.0])
     assert_allclose(carried_covariance(mixed, v), matrix @ carried_covariance(plain, v) @ matrix.T, rtol=1e-12, atol=1e-12)
@@ -68,7 +69,7 @@ def test_the_prediction_is_what_pictures_of_noise_show():
         noise[y::2, x::2] *= np.sqrt(v[place])
 
     def chain(m):
-        return restoration.sharpen(demosaic.colour_difference(m, "RGGB"), 0.15)
+        return sharpening.sharpen(bilinear.colour_difference(m, "RGGB"), 0.15)
 
     picture = without_trend(chain(noise)[:, 8:-8, 8:-8])
     for lag in ((0, 0), (0, 1), (1, 0), (1, -1), (0, 2)):
@@ -77,7 +78,7 @@ def test_the_prediction_is_what_pictures_of_noise_show():
 
 
 def test_a_lag_and_its_opposite_are_each_others_transpose():
-    h, v = answers(lambda m: demosaic.colour_difference(m, "GRBG")), np.array([1.0, 2.0, 3.0, 4.0])
+    h, v = answers(lambda m: bilinear.colour_difference(m, "GRBG")), np.array([1.0, 2.0, 3.0, 4.0])
     assert_allclose(carried_covariance(h, v, (1, -2)), carried_covariance(h, v, (-1, 2)).T, rtol=1e-14, atol=1e-16)
     noise = np.random.default_rng(1).normal(size=(3, 20, 20))
     assert_allclose(found_covariance(noise, (1, -2)), found_covariance(noise, (-1, 2)).T, rtol=1e-13)

@@ -7,8 +7,8 @@ from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
 from etendue.constants import PLANCK, SPEED_OF_LIGHT
-from etendue.physics.planck import planck_photon_radiance, planck_ratio
-from etendue.physics.radiometry import (
+from etendue.physics.light.planck import planck_photon_radiance, planck_ratio
+from etendue.physics.light.radiometry import (
     aplanatic_factor,
     cos4,
     disc_factor,

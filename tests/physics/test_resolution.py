@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.special import erfc, sici
 
-from etendue.physics import diffraction, resolution
+from etendue.physics.optics import diffraction
+from etendue.physics.resolution import contrast
 
 widths = st.floats(0.2, 12.0)
 
@@ -23,8 +24,8 @@ def box(width):
 
 
 def figures(response, nyquist=0.1, highest=4.0, nodes=512, cut_off=1e-3):
-    grid = resolution.search_nodes(highest, nodes)
-    return resolution.resolved(response, nyquist, grid, response(grid), cut_off)
+    grid = contrast.search_nodes(highest, nodes)
+    return contrast.resolved(response, nyquist, grid, response(grid), cut_off)
 
 
 @given(widths)
@@ -38,7 +39,7 @@ def test_a_gaussian_falls_to_its_levels_where_its_logarithm_says(sigma):
 @given(widths)
 def test_a_box_falls_to_one_half_at_its_constant(width):
     """The root of sinc(x) = 1/2 is 0.603354564...; weights of many bands change nothing where all are the same."""
-    found = resolution.mtf50(lambda f: np.tile(np.sinc(width * f), (3, 1)), np.array([1.0, 5.0, 2.0]), 4.0, 512)
+    found = contrast.mtf50(lambda f: np.tile(np.sinc(width * f), (3, 1)), np.array([1.0, 5.0, 2.0]), 4.0, 512)
     assert_allclose(found, 0.60335456440161455 / width, rtol=1e-11)
 
 
@@ -95,9 +96,9 @@ def test_a_response_with_a_kink_at_the_level_is_still_solved():
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda: resolution.search_nodes(0.0, 16), "highest is 0.0"),
-        (lambda: resolution.search_nodes(1.0, 1), "nodes 1"),
-        (lambda: resolution.search_nodes(math.inf, 16), "highest is inf"),
+        (lambda: contrast.search_nodes(0.0, 16), "highest is 0.0"),
+        (lambda: contrast.search_nodes(1.0, 1), "nodes 1"),
+        (lambda: contrast.search_nodes(math.inf, 16), "highest is inf"),
         (lambda: figures(box(1.0), nyquist=0.0), "nyquist is 0.0"),
         (lambda: figures(box(1.0), cut_off=1.0), "cut_off is 1.0"),
     ],

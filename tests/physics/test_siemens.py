@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import ive
 
-from etendue.physics import charts
-from etendue.physics.siemens import star_response
+from etendue.physics.resolution.siemens import star_response
+from etendue.physics.scene import charts
 
 CENTRE = (150.3, 154.8)
 FIFTY = np.sqrt(np.log(2) / 2) / np.pi  # MTF50 of a Gaussian of 1 pixel rms

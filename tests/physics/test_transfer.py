@@ -6,32 +6,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics import transfer
+from etendue.physics.colour import encoding
 from tests.physics.reference import cases
 
-PAIRS = [(transfer.srgb_encode, transfer.srgb_decode), (transfer.bt709_encode, transfer.bt709_decode)]
+PAIRS = [(encoding.srgb_encode, encoding.srgb_decode), (encoding.bt709_encode, encoding.bt709_decode)]
 values = st.floats(-1e6, 1e6)
 
 
 @pytest.mark.parametrize("group", ["srgb_encode", "srgb_decode", "bt709_encode"])
 def test_the_high_precision_encodings_are_held(group):
     for case, expected, rtol in cases(group):
-        assert_allclose(getattr(transfer, group)(case["v"]), expected, rtol=rtol, err_msg=str(case))
+        assert_allclose(getattr(encoding, group)(case["v"]), expected, rtol=rtol, err_msg=str(case))
 
 
 def test_the_high_precision_powers_are_held():
     for case, expected, rtol in cases("gamma_signed"):
-        got = transfer.gamma_signed(case["v"], case["gamma"])
+        got = encoding.gamma_signed(case["v"], case["gamma"])
         assert_allclose(got, expected, rtol=rtol, err_msg=str(case))
 
 
 @pytest.mark.parametrize(
     ("encode", "case_gamma", "group"),
     [
-        (transfer.srgb_encode, None, "srgb_encode"),
-        (transfer.srgb_decode, None, "srgb_decode"),
-        (transfer.bt709_encode, None, "bt709_encode"),
-        (transfer.gamma_signed, "gamma", "gamma_signed"),
+        (encoding.srgb_encode, None, "srgb_encode"),
+        (encoding.srgb_decode, None, "srgb_decode"),
+        (encoding.bt709_encode, None, "bt709_encode"),
+        (encoding.gamma_signed, "gamma", "gamma_signed"),
     ],
 )
 def test_float32_stays_float32_and_holds_single_precision(encode, case_gamma, group):
@@ -60,7 +60,7 @@ def test_encodings_never_fall(curve, low, high):
 
 @given(value=values, gamma=st.floats(0.1, 5))
 def test_srgb_and_powers_are_odd(value, gamma):
-    for curve in (transfer.srgb_encode, transfer.srgb_decode, lambda v: transfer.gamma_signed(v, gamma)):
+    for curve in (encoding.srgb_encode, encoding.srgb_decode, lambda v: encoding.gamma_signed(v, gamma)):
         assert curve(-value) == -curve(value)
 
 
@@ -74,16 +74,16 @@ def test_black_is_zero_white_is_one_and_the_ends_of_the_line_are_kept(curve):
 
 @given(value=st.floats(1e-6, 1e6), first=st.floats(0.2, 3), second=st.floats(0.2, 3))
 def test_powers_multiply(value, first, second):
-    twice = transfer.gamma_signed(transfer.gamma_signed(value, first), second)
+    twice = encoding.gamma_signed(encoding.gamma_signed(value, first), second)
     # each power rounds once; a rounded exponent or base is multiplied by the logarithm or the other exponent
     rtol = 3e-16 * (1 + second + first * second * abs(np.log(value)))
-    assert_allclose(transfer.gamma_signed(value, first * second), twice, rtol=rtol)
+    assert_allclose(encoding.gamma_signed(value, first * second), twice, rtol=rtol)
 
 
 def test_gamma_of_zero_is_zero_even_beside_the_smallest_number():
     for dtype in (np.float32, np.float64):
         smallest = np.finfo(dtype).smallest_subnormal
-        encoded = transfer.gamma_signed(np.array([-smallest, 0, smallest], dtype), 0.45)
+        encoded = encoding.gamma_signed(np.array([-smallest, 0, smallest], dtype), 0.45)
         assert encoded[1] == 0
         # rounding the exponent costs eps/2 x 0.45 x log of the smallest number, 46 and 335
         assert_allclose(encoded[2], float(smallest) ** 0.45, rtol=200 * np.finfo(dtype).eps)
@@ -93,12 +93,12 @@ def test_gamma_of_zero_is_zero_even_beside_the_smallest_number():
 @pytest.mark.parametrize("gamma", [0.0, -1.0, np.nan, np.inf])
 def test_impossible_gammas_are_refused(gamma):
     with pytest.raises(ValueError, match="gamma"):
-        transfer.gamma_signed([0.5], gamma)
+        encoding.gamma_signed([0.5], gamma)
 
 
 def test_inputs_are_not_written():
     picture = np.linspace(-0.5, 1.5, 50)
     before = picture.copy()
-    for curve in (*(f for pair in PAIRS for f in pair), lambda v: transfer.gamma_signed(v, 0.45)):
+    for curve in (*(f for pair in PAIRS for f in pair), lambda v: encoding.gamma_signed(v, 0.45)):
         curve(picture)
         assert_array_equal(picture, before)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics import diffraction
-from etendue.physics.two_points import RAYLEIGH_SADDLE, rayleigh_separation, sparrow_separation, spread_of, two_point_saddle
+from etendue.physics.optics import diffraction
+from etendue.physics.resolution.two_points import RAYLEIGH_SADDLE, rayleigh_separation, sparrow_separation, spread_of, two_point_saddle
 from tests.physics.reference import cases
 
 SPOT = 0.55 * 2.8  # lambda N, um

@@ -9,9 +9,9 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import from_document
 from etendue.spec.stage import MISSING, parameters_of
-from etendue.stages.colour import Balance
-from etendue.stages.display import Display, ToXyz
-from etendue.stages.display_white import MEASURED, white_of
+from etendue.stages.colour.display import Display, ToXyz
+from etendue.stages.colour.display_white import MEASURED, white_of
+from etendue.stages.colour.tristimulus import Balance
 
 DIFFER = {
     "angle": "of a chart's edge, and of the line along which a curve is taken",

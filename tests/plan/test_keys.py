@@ -187,7 +187,7 @@ def code(tmp_path, monkeypatch):
 
 
 MODULES = {
-    "optics": {"irradiance", "falloff", "optical_filter"},
+    "optics": {"irradiance", "optical_filter"},
     "lens": {"diffraction", "lens_gaussian", "lens_psf"},
     "sensor": {"diffusion", "pixel", "crosstalk"},
     "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_any"},
@@ -197,16 +197,28 @@ MODULES = {
 @pytest.mark.parametrize(
     ("edited", "must", "must_not"),
     [
-        ("physics/demosaic.py", MODULES["reconstruct"], MODULES["optics"] | MODULES["sensor"] | {"uniform", "encode", "shot_noise"}),
-        ("physics/photodiode.py", MODULES["sensor"] | {"white", "colour_fit"}, MODULES["optics"] | MODULES["reconstruct"] | {"uniform"}),
-        ("physics/cfa.py", MODULES["reconstruct"] | MODULES["sensor"] | {"mosaic", "white"}, MODULES["optics"] | {"uniform", "shot_noise"}),
         (
-            "physics/airy.py",
+            "physics/mosaic/bilinear.py",
+            MODULES["reconstruct"],
+            MODULES["optics"] | MODULES["sensor"] | {"uniform", "encode", "shot_noise"},
+        ),
+        (
+            "physics/sensor/photodiode.py",
+            MODULES["sensor"] | {"white", "colour_fit"},
+            MODULES["optics"] | MODULES["reconstruct"] | {"uniform"},
+        ),
+        (
+            "physics/sensor/cfa.py",
+            MODULES["reconstruct"] | MODULES["sensor"] | {"mosaic", "white"},
+            MODULES["optics"] | {"uniform", "shot_noise"},
+        ),
+        (
+            "physics/optics/airy.py",
             MODULES["lens"] | {"lens_numbers"},
             MODULES["optics"] | MODULES["sensor"] | MODULES["reconstruct"] | {"uniform", "encode"},
         ),
-        ("physics/sampling.py", {"diffraction", "diffusion", "pixel"}, MODULES["reconstruct"] | {"adc", "lens_numbers"}),
-        ("stages/sensitivity.py", MODULES["sensor"] | {"white", "colour_fit"}, MODULES["optics"] | MODULES["reconstruct"]),
+        ("physics/light/sampling.py", {"diffraction", "diffusion", "pixel"}, MODULES["reconstruct"] | {"adc", "lens_numbers"}),
+        ("stages/sensor/sensitivity.py", MODULES["sensor"] | {"white", "colour_fit"}, MODULES["optics"] | MODULES["reconstruct"]),
         ("data/silicon_absorption.csv", MODULES["sensor"] | {"white"}, MODULES["reconstruct"] | {"adc"}),
         ("spec/grid.py", set(BUILT_IN), set()),
     ],

@@ -6,7 +6,7 @@ import pytest
 import etendue
 from etendue.archive import laid
 from etendue.errors import RequestError
-from etendue.physics import expansion, sampling
+from etendue.physics.light import expansion, sampling
 from etendue.plan import cost
 
 

@@ -14,9 +14,9 @@ from etendue.plan.planner import make_plan
 from etendue.registry import Registry, installed_stages
 from etendue.run.otf import Otf
 from etendue.session import load
-from etendue.stages.lens import LensGaussian
-from etendue.stages.sensor import Diffusion, Pixel
-from etendue.stages.wavefront import Wavefront
+from etendue.stages.optics.lens import LensGaussian
+from etendue.stages.optics.wavefront import Wavefront
+from etendue.stages.sensor.pixel import Diffusion, Pixel
 from tests.run.small import BARE, assert_same_arrays, by_labels, run
 
 EDGES = (400.0, 500.0, 600.0, 700.0)

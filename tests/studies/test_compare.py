@@ -19,14 +19,14 @@ from scipy.optimize import brentq
 
 from etendue import hookspecs
 from etendue.cli import _number, main
-from etendue.physics import difference
-from etendue.physics.psf_bank import PsfBank
+from etendue.physics.colour import difference
+from etendue.physics.field.psf_bank import PsfBank
 from etendue.registry import Registry, installed_stages
 from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
 from etendue.session import Options
 from etendue.spec.pipeline import parse_pipeline
-from etendue.stages.colour import CameraToXyz
+from etendue.stages.colour.tristimulus import CameraToXyz
 from etendue.studies import ranking
 from etendue.studies.axis import Asked, candidates, labels_of, parse_axis
 from etendue.studies.branches import nodes_of

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import etendue
-from etendue.physics import cfa, crosstalk
-from etendue.physics.crosstalk_planes import diffuse_planes, plane_kernels
+from etendue.physics.sensor import cfa, crosstalk
+from etendue.physics.sensor.crosstalk_planes import diffuse_planes, plane_kernels
 
 CAMERA = """
 name = "ideal"

@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 from etendue import studies
 from etendue.cli import main
 from etendue.errors import RequestError
-from etendue.physics import colour
-from etendue.physics import quality as measures
+from etendue.physics.colour import matrices
+from etendue.physics.quality import fidelity as measures
 from etendue.registry import installed_stages
 from etendue.spec.pipeline import parse_pipeline
-from etendue.stages.display import Display
-from etendue.stages.display_white import white_of
+from etendue.stages.colour.display import Display
+from etendue.stages.colour.display_white import white_of
 from etendue.studies.ideal import ideal_of
 from etendue.studies.quality import evenly, quality
 from etendue.studies.quality_figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
@@ -225,14 +225,14 @@ def test_light_is_that_of_the_display_which_the_pipeline_names(display, red, gre
     (one, _), (other, _) = shots(overrides={"sweep.display.display": [display, "Apple Studio Display"]})
     assert_allclose(one.to_xyz[1].sum(), 1, rtol=1e-12)
     if red:
-        assert_allclose(one.to_xyz, colour.rgb_to_xyz_matrix([red, green, blue], white), atol=2e-4)  # printed to four digits
+        assert_allclose(one.to_xyz, matrices.rgb_to_xyz_matrix([red, green, blue], white), atol=2e-4)  # printed to four digits
     assert_allclose(other.to_xyz.sum(axis=1), white_of("Apple Studio Display"), rtol=1e-12)
     assert np.abs(one.to_xyz - other.to_xyz).max() > 0.01
 
 
 def test_a_picture_that_was_decoded_again_is_meant_for_the_same_display():
     ((one, _),) = shots([*PLAIN, "decode"], overrides={"display.display": "Display P3"})
-    assert_allclose(one.to_xyz, colour.rgb_to_xyz_matrix([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)], (0.3127, 0.3290)), atol=2e-4)
+    assert_allclose(one.to_xyz, matrices.rgb_to_xyz_matrix([(0.680, 0.320), (0.265, 0.690), (0.150, 0.060)], (0.3127, 0.3290)), atol=2e-4)
 
 
 def test_pipelines_without_a_picture_are_refused():
@@ -246,7 +246,7 @@ def test_pipelines_without_a_picture_are_refused():
 
 
 def shot(rgb, **applied):
-    return Shot(rgb, rgb_linear=rgb, rgb_display=rgb, to_xyz=colour.RGB_TO_XYZ_SRGB, **applied)
+    return Shot(rgb, rgb_linear=rgb, rgb_display=rgb, to_xyz=matrices.RGB_TO_XYZ_SRGB, **applied)
 
 
 def test_a_flat_region_is_the_largest_and_of_these_the_one_nearest_grey():

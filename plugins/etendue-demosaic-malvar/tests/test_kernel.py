@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics import demosaic, mosaic
+from etendue.physics.mosaic import bilinear
+from etendue.physics.sensor import cfa
 
 # Figure 2 of the paper, times 8.
 GREEN_AT_CHROMA = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]])
@@ -15,7 +16,7 @@ CHROMA_BESIDE_GREEN = np.array([[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5,
 CHROMA_ABOVE_GREEN = CHROMA_BESIDE_GREEN.T
 CHROMA_AT_OPPOSITE = np.array([[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]])
 
-patterns = st.sampled_from(mosaic.PATTERNS)
+patterns = st.sampled_from(cfa.BAYER)
 seeds = st.integers(0, 2**32 - 1)
 sides = st.integers(2, 11)
 
@@ -23,7 +24,7 @@ sides = st.integers(2, 11)
 def direct(raw, pattern):
     """Pixel by pixel: the sum of coefficient times sample, over a frame mirrored about its outermost samples."""
     framed = np.pad(raw, 2, mode="reflect")
-    colours = mosaic.colour_index(pattern, *raw.shape)
+    colours = cfa.channel_index(pattern, *raw.shape)
     planes = np.empty((3, *raw.shape))
     for y, x in np.ndindex(*raw.shape):
         here = "RGB"[colours[y, x]]
@@ -55,15 +56,15 @@ def test_measured_samples_are_untouched_at_any_size(pattern, rows, columns, seed
     planes = malvar(raw, pattern)
     assert planes.shape == (3, rows, columns)
     assert np.isfinite(planes).all()
-    assert_array_equal(mosaic.pick(planes, pattern), raw)
+    assert_array_equal(cfa.pick(planes, pattern), raw)
 
 
-@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+@pytest.mark.parametrize("pattern", cfa.BAYER)
 def test_a_ramp_shared_by_all_colours_is_exact_inside_the_border(pattern):
     y, x = np.mgrid[0:9, 0:10]
     ramp = 3.0 * y + 2.0 * x
     planes = np.stack([ramp + 8.0, ramp + 16.0, ramp])
-    found = malvar(mosaic.pick(planes, pattern), pattern)
+    found = malvar(cfa.pick(planes, pattern), pattern)
     # small whole numbers times sixteenths are exact in binary
     for colour, shift in zip(found, (8.0, 16.0, 0.0), strict=True):
         # each colour's constant stays within the kernels' rows: Laplacians of a constant vanish within its own lattice
@@ -71,7 +72,7 @@ def test_a_ramp_shared_by_all_colours_is_exact_inside_the_border(pattern):
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (2, 3), (3, 2), (5, 4), (7, 9)])
-@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+@pytest.mark.parametrize("pattern", cfa.BAYER)
 def test_a_constant_grey_frame_stays_constant(pattern, shape):
     # multiples of 1/16 of a power of two add up without rounding
     assert_array_equal(malvar(np.full(shape, 0.25), pattern), np.full((3, *shape), 0.25))
@@ -106,7 +107,7 @@ def test_nan_spreads_no_further_than_the_kernels_reach():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 6), (5, 1)])
 def test_a_frame_of_one_line_is_interpolated_along_its_length(shape):
     raw = np.random.default_rng(1).uniform(0.0, 1.0, shape)
-    assert_array_equal(malvar(raw, "GRBG"), demosaic.bilinear(raw, "GRBG"))
+    assert_array_equal(malvar(raw, "GRBG"), bilinear.bilinear(raw, "GRBG"))
 
 
 def test_precision_and_order_of_the_input_are_kept_and_integers_become_double():
@@ -122,8 +123,8 @@ def test_precision_and_order_of_the_input_are_kept_and_integers_become_double():
 def test_it_beats_bilinear_on_a_grey_edge():
     x = np.linspace(-8.0, 8.0, 64)
     edge = np.broadcast_to(1 / (1 + np.exp(-x)), (64, 64))
-    raw = mosaic.pick(np.stack([edge] * 3), "RGGB")
-    worst = {name: np.abs(method(raw, "RGGB") - edge)[:, 3:-3, 3:-3].max() for name, method in (("m", malvar), ("b", demosaic.bilinear))}
+    raw = cfa.pick(np.stack([edge] * 3), "RGGB")
+    worst = {name: np.abs(method(raw, "RGGB") - edge)[:, 3:-3, 3:-3].max() for name, method in (("m", malvar), ("b", bilinear.bilinear))}
     assert worst["m"] < 0.5 * worst["b"]
 
 

@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics import demosaic, mosaic
+from etendue.physics.mosaic import bilinear
+from etendue.physics.sensor import cfa
 
 REACH = 8  # 2 for green, 2 for differences, 2 for their sums; 1 and 1 for the last step
 SWAPPED = str.maketrans("RB", "BR")
 
-patterns = st.sampled_from(mosaic.PATTERNS)
+patterns = st.sampled_from(cfa.BAYER)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -39,17 +40,17 @@ def test_measured_samples_are_untouched_at_any_size(pattern, rows, columns, seed
     planes = menon(raw, pattern, refine)
     assert planes.shape == (3, rows, columns)
     assert np.isfinite(planes).all()
-    assert_array_equal(mosaic.pick(planes, pattern), raw)
+    assert_array_equal(cfa.pick(planes, pattern), raw)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 6), (5, 1), (2, 2), (2, 7), (6, 3), (7, 9)])
-@pytest.mark.parametrize("pattern", mosaic.PATTERNS)
+@pytest.mark.parametrize("pattern", cfa.BAYER)
 def test_constant_colours_stay_constant_at_any_size(pattern, shape):
     assert_allclose(menon(np.full(shape, 0.3), pattern), 0.3, rtol=0, atol=3e-16)
     if 1 not in shape:  # a line lacks a colour
         planes = np.broadcast_to(np.array([0.7, 0.2, 0.4])[:, None, None], (3, *shape))
         # differences that are smoothed and taken back: a few roundings
-        assert_allclose(menon(mosaic.pick(planes, pattern), pattern), planes, rtol=0, atol=6e-16)
+        assert_allclose(menon(cfa.pick(planes, pattern), pattern), planes, rtol=0, atol=6e-16)
 
 
 @given(pattern=patterns, seed=seeds)
@@ -85,7 +86,7 @@ def test_a_small_frame_is_a_piece_of_its_own_mirror_images(shape):
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 6), (5, 1)])
 def test_a_frame_of_one_line_is_interpolated_along_its_length(shape):
-    assert_array_equal(menon(noise(shape, 1), "GRBG"), demosaic.bilinear(noise(shape, 1), "GRBG"))
+    assert_array_equal(menon(noise(shape, 1), "GRBG"), bilinear.bilinear(noise(shape, 1), "GRBG"))
 
 
 def test_nan_spreads_no_further_than_the_method_reaches_and_negative_values_are_kept():

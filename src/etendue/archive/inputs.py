@@ -191,4 +191,3 @@ def _in_place(value: Any, folder: Path) -> Any:
     if isinstance(value, list):
         return [_in_place(one, folder) for one in value]
     return str(folder / value.removeprefix("../")) if isinstance(value, str) and value.startswith("../inputs/") else value
-

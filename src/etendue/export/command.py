@@ -18,7 +18,7 @@ from etendue.errors import Fault, RequestError
 from etendue.export import dng, tiff
 from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain, read_at
 from etendue.export.masks import mask_of, note
-from etendue.stages.gain_chain import GainChain
+from etendue.stages.electronics.gain_chain import GainChain
 
 MANY = 64
 BALANCED = "balance_mosaic"  # the stage behind which white is equal in all channels: no white of the raw numbers

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etendue.export.container import ASCII, BYTE, LONG, RATIONAL, SHORT, SRATIONAL, UNDEFINED, Tag, write_picture
-from etendue.physics import colour
+from etendue.physics.colour import matrices
 
 COLOURS = "RGB"
 D50_XYZ = (0.96422, 1.0, 0.82521)  # of the profile connection space: ICC.1, and the DNG specification's forward matrices
@@ -97,7 +97,7 @@ def colour_matrices(camera_white: Any, balanced_to_xyz: Any) -> tuple[Any, Any]:
     if matrix.shape != (3, 3) or not np.linalg.cond(matrix) < 1e9:
         raise ValueError(f"balanced_to_xyz is {matrix.tolist()}; allowed is an invertible 3 x 3 matrix")
     to_camera = (white / white.max())[:, None] * np.linalg.inv(matrix)
-    return to_camera, colour.von_kries_matrix(matrix.sum(axis=1), D50_XYZ, colour.TRANSFORMS["bradford"]) @ matrix
+    return to_camera, matrices.von_kries_matrix(matrix.sum(axis=1), D50_XYZ, matrices.TRANSFORMS["bradford"]) @ matrix
 
 
 def _ratios(values: Any, limit: int = 10**8) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from etendue.errors import ArchiveError
 from etendue.export.frames import Frame, Shelf
-from etendue.physics import cfa
+from etendue.physics.sensor import cfa
 
 WELL_KNOWN = ((2, 2), (6, 6))  # periods that LibRaw, and what is built on it, understands
 

@@ -19,7 +19,7 @@ from etendue.spec.stage import Stage, file_state, files_of, is_transfer, paramet
 
 PACKAGE = Path(__file__).parent.parent
 FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants", "etendue.stages", "etendue.api")
-SEGMENT_MODULES = ("etendue.physics.sampling", "etendue.physics.cell_pixels")
+SEGMENT_MODULES = ("etendue.physics.light.sampling", "etendue.physics.light.cell_pixels")
 
 
 def digest(data: bytes) -> str:
@@ -62,6 +62,12 @@ def _imported(path: Path) -> frozenset[str]:
 
 
 @cache
+def _only_words(path: Path) -> bool:
+    """Whether a file holds a docstring and nothing else: what a folder says of itself computes nothing."""
+    return path.name == "__init__.py" and all(isinstance(n, ast.Expr) for n in ast.parse(path.read_text(encoding="utf-8")).body)
+
+
+@cache
 def _reaches(module: str) -> frozenset[str]:
     """The module and every module of stages, physics, spec, spectra and constants that it imports, at any depth."""
     seen: set[str] = set()
@@ -69,7 +75,7 @@ def _reaches(module: str) -> frozenset[str]:
     while open_:
         name = open_.pop()
         path = _module_file(name)
-        if name in seen or path is None:
+        if name in seen or path is None or _only_words(path):
             continue
         seen.add(name)
         open_ += [m for m in _imported(path) if m.startswith(FOLLOWED)]

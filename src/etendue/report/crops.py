@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from etendue.physics.transfer import srgb_encode
+from etendue.physics.colour.encoding import srgb_encode
 
 SIDE, SHOWN, COLUMNS = 56, 280, 5  # samples of a crop, its size on the screen, crops in a row
 BORDER = 10

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 
 from etendue import spectra
-from etendue.physics import cfa, colour
-from etendue.physics.resampling import area_weights
-from etendue.physics.transfer import srgb_encode
+from etendue.physics.colour import matrices
+from etendue.physics.colour.encoding import srgb_encode
+from etendue.physics.scene.resampling import area_weights
+from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.stage import has_method
 
@@ -56,16 +57,16 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         else:  # stored by band, as it is too large to be held
             small = np.stack([_fitted(np.asarray(array[band], dtype=np.float32)) for band in range(array.shape[0])])
             xyz = np.tensordot(observer, small, axes=1)
-        return colour.apply_matrix(np.linalg.inv(colour.RGB_TO_XYZ_SRGB), xyz)
+        return matrices.apply_matrix(np.linalg.inv(matrices.RGB_TO_XYZ_SRGB), xyz)
     if dims == ("channel", "y", "x"):
         planes = _fitted(np.asarray(array, dtype=np.float32)).astype(np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
-            matrix = np.linalg.inv(colour.RGB_TO_XYZ_SRGB)
+            matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
             white = cell.stage.viewing_white() if has_method(type(cell.stage), "viewing_white") else None  # type: ignore[attr-defined]
             if white is not None:  # shown as its viewer sees it, not as it would look beside a D65 white
-                seen = colour.von_kries_matrix(white, colour.xyz_from_xy(colour.D65_XY), colour.TRANSFORMS["bradford"])
+                seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
                 matrix = matrix @ seen
-            planes = colour.apply_matrix(matrix, planes)
+            planes = matrices.apply_matrix(matrix, planes)
         if grid["channel"].values()[:3] in (["R", "G", "B"], ["X", "Y", "Z"]):
             return planes[:3]
         return np.repeat(planes.mean(axis=0, keepdims=True), 3, axis=0)

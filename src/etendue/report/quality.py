@@ -14,8 +14,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from etendue.physics import colour
-from etendue.physics.transfer import srgb_encode
+from etendue.physics.colour import matrices
+from etendue.physics.colour.encoding import srgb_encode
 from etendue.report.terminal import _out, _table, escape, short_axes
 
 COLUMNS = (
@@ -100,9 +100,9 @@ def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: st
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    seen = colour.von_kries_matrix(white, colour.xyz_from_xy(colour.D65_XY), colour.TRANSFORMS["bradford"])
-    matrix = np.linalg.inv(colour.RGB_TO_XYZ_SRGB) @ seen
-    panels: list[Any] = [np.moveaxis(srgb_encode(np.clip(colour.apply_matrix(matrix, one), 0, 1)), 0, -1) for one in (picture, reference)]
+    seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
+    matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ seen
+    panels: list[Any] = [np.moveaxis(srgb_encode(np.clip(matrices.apply_matrix(matrix, one), 0, 1)), 0, -1) for one in (picture, reference)]
     rows, columns = shown.shape
     scale = max(1, LONGEST // max(rows, columns))
     high, wide = rows * scale, columns * scale

@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
-from etendue.physics.noise import philox
+from etendue.physics.electronics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.run.jobs import Job

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import expansion, sampling
+from etendue.physics.light import expansion, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job

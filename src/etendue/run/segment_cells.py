@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import cell_pixels, cells, sampling
+from etendue.physics.light import cell_pixels, cells, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import sampling
+from etendue.physics.light import sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded
 from etendue.run.jobs import Job

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import PluginError
-from etendue.physics.noise import sensor_normal, sensor_uniform
+from etendue.physics.electronics.noise import sensor_normal, sensor_uniform
 from etendue.spec.grid import Bands, Grid, Line
 from etendue.spec.stage import Stage, has_method, state_of
 from etendue.telling import foreign

@@ -147,8 +147,8 @@ class Stage:
     ``radial``: the transfer function depends on the size of the frequency alone.
     ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
     may be multiplied as if it were not there.
-    ``purpose``: what it is an alternative to, in a word or two that stages of one kind share (``"demosaicing"``, ``"sharpening"``,
-    ``"lens"``). Among stages that read and write the same, those of another purpose are not offered in each other's place; '' says
+    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"demosaicing"``, ``"sharpening"``,
+    ``"lens"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
     nothing: what it reads and writes decides alone.
     ``once``: physics that is met once on the way through the camera (``"diffraction"``, ``"fall-off"``): a second stage with the same
     on the way counts it twice, which the plan notes.
@@ -163,7 +163,7 @@ class Stage:
     finds: ClassVar[Mapping[str, str]] = {}
     radial: ClassVar[bool] = False
     pointwise: ClassVar[bool] = False
-    purpose: ClassVar[str] = ""
+    role: ClassVar[str] = ""
     once: ClassVar[tuple[str, ...]] = ()
 
     @property

@@ -136,7 +136,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
 
     Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they serve another
-    purpose (``Stage.purpose``) and those that exist for references (``X_planes``) are none.
+    role (``Stage.role``) and those that exist for references (``X_planes``) are none.
     """
     own = node.alternatives[0]
     reads, writes = ({str(d) for d in found(own.kind).values()} for found in (reads_of, writes_of))
@@ -153,7 +153,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
             continue
         needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
         fits = {str(d) for d in writes_of(kind).values()} == writes and needed <= reads and (needed or not reads)
-        same = kind.purpose == own.kind.purpose or not (kind.purpose and own.kind.purpose)
+        same = kind.role == own.kind.role or not (kind.role and own.kind.role)
         if fits and same and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
             chosen.append(name)
     return chosen, broken

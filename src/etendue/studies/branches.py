@@ -22,7 +22,7 @@ from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.stage import parameters_of, reads_of
 
 CAMERA, TRISTIMULUS = "rgb_camera", "xyz_scene"
-RESTORING = ("", "sharpening", "denoising")  # purposes of stages that the reference does without when they are compared
+RESTORING = ("", "sharpening", "denoising")  # roles of stages that the reference does without when they are compared
 PICTURES = (CAMERA, TRISTIMULUS, "rgb_linear", "xyz_display", "rgb_display")
 Place = tuple[str, str]  # stage and variable
 
@@ -185,7 +185,7 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
 def _restores(node: Node) -> bool:
     """Whether a stage betters camera values and looks at nothing else: the truth it aims at is what it was not needed for."""
     reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
-    return reads == {CAMERA} and CAMERA in node.writes and node.kind.purpose in RESTORING
+    return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING
 
 
 def _free(entries: dict[str, StageEntry], name: str) -> str:

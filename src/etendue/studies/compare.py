@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from etendue.errors import Fault, RequestError
-from etendue.physics.colour import D65_XY, xyz_from_xy
+from etendue.physics.colour.matrices import D65_XY, xyz_from_xy
 from etendue.plan.model import Alternative, CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry, installed_stages

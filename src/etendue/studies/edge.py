@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import EtendueError, RequestError
-from etendue.physics.slanted_edge import slanted_edge
+from etendue.physics.resolution.slanted_edge import slanted_edge
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry

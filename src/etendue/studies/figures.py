@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics import artefacts, difference, quality
+from etendue.physics.colour import difference
+from etendue.physics.quality import artefacts, fidelity
 
 BORDER = 10  # pixels not counted at each side: nothing is known beyond the border
 
@@ -25,21 +26,21 @@ def inside(picture: Any, border: int = BORDER) -> Any:
 
 def linear_figures(picture: Any, reference: Any) -> dict[str, float | None]:
     """PSNR and RMSE, full scale 1."""
-    found = quality.psnr(inside(picture), inside(reference))
+    found = fidelity.psnr(inside(picture), inside(reference))
     return {"psnr": found, "rmse": float(10 ** (-found / 20))}
 
 
 def by_its_own_white(picture: Any, reference: Any) -> float | None:
     """PSNR where the full scale is the brightest value of the reference: what pictures of different exposure can be ranked by."""
     peak = float(inside(reference).max())
-    return quality.psnr(inside(picture), inside(reference), peak) if peak > 0 else None
+    return fidelity.psnr(inside(picture), inside(reference), peak) if peak > 0 else None
 
 
 def display_figures(picture: Any, reference: Any) -> dict[str, float | None]:
     """PSNR and structural similarity of encoded values."""
     ours, theirs = inside(picture), inside(reference)
-    large = min(ours.shape[-2:]) >= quality.WINDOW
-    return {"psnr_encoded": quality.psnr(ours, theirs), "ssim": quality.ssim(ours, theirs) if large else None}
+    large = min(ours.shape[-2:]) >= fidelity.WINDOW
+    return {"psnr_encoded": fidelity.psnr(ours, theirs), "ssim": fidelity.ssim(ours, theirs) if large else None}
 
 
 def colour_figures(picture: Any, reference: Any, white: Any) -> dict[str, float | None]:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
-from etendue.physics import noise_propagation as propagation
+from etendue.physics.colour import noise_propagation as propagation
 from etendue.plan.model import CellRef, Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
@@ -31,9 +31,9 @@ from etendue.session import Options, execute
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
 from etendue.spec.stage import has_method, is_source, parameters_of, writes_of
-from etendue.stages.exposure import Exposing
-from etendue.stages.gain_chain import GainChain
-from etendue.stages.masks import mask_of
+from etendue.stages.electronics.exposure import Exposing
+from etendue.stages.electronics.gain_chain import GainChain
+from etendue.stages.sensor.masks import mask_of
 from etendue.studies.axis import without_sweep
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")

@@ -24,7 +24,7 @@ from etendue.report.tables import floored
 from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
-from etendue.stages.display import is_display, primaries_to_xyz
+from etendue.stages.colour.display import is_display, primaries_to_xyz
 from etendue.studies.files import check_folder, finite, write_whole
 from etendue.studies.ideal import Ideal, ideal_of
 from etendue.studies.quality_figures import FLAT_SIZES, UNITS, Shot, figures

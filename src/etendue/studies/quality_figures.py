@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from etendue.physics import artefacts, difference, quality, scielab
-from etendue.physics.colour import apply_matrix
-from etendue.physics.visible_noise import visible_noise
+from etendue.physics.colour import difference
+from etendue.physics.colour.matrices import apply_matrix
+from etendue.physics.quality import artefacts, fidelity, scielab
+from etendue.physics.quality.visible_noise import visible_noise
 
 UNITS = {
     "psnr_linear": "dB", "psnr_encoded": "dB", "ssim": "1", "de_mean": "1", "de_median": "1", "de_p95": "1", "scielab_mean": "1",
@@ -62,21 +63,21 @@ def figures(shot: Shot, ideal: Shot, samples_per_degree: float) -> tuple[dict[st
         raise ValueError(f"the picture is {shot.rgb_camera.shape}, that of the ideal camera {ideal.rgb_camera.shape}; they do not overlay")
     found = dict.fromkeys(UNITS, float("nan"))
     brightest = float(np.max(ideal.rgb_camera))
-    found["psnr_linear"] = quality.psnr(_as_exposed(shot, ideal), ideal.rgb_camera, brightest if brightest > 0 else 1.0)
+    found["psnr_linear"] = fidelity.psnr(_as_exposed(shot, ideal), ideal.rgb_camera, brightest if brightest > 0 else 1.0)
     if shot.rgb_display is not None and ideal.rgb_display is not None:
-        found["psnr_encoded"] = quality.psnr(shot.rgb_display, ideal.rgb_display)
+        found["psnr_encoded"] = fidelity.psnr(shot.rgb_display, ideal.rgb_display)
     if shot.rgb_linear is None or ideal.rgb_linear is None:
         return found, None, None
     matrix = np.asarray(shot.to_xyz)
     white = matrix.sum(axis=1)
-    if shot.rgb_display is not None and ideal.rgb_display is not None and min(shot.rgb_display.shape[-2:]) >= quality.WINDOW:
+    if shot.rgb_display is not None and ideal.rgb_display is not None and min(shot.rgb_display.shape[-2:]) >= fidelity.WINDOW:
         luma = matrix[1:2] / matrix[1].sum()
-        found["ssim"] = quality.ssim(apply_matrix(luma, shot.rgb_display), apply_matrix(luma, ideal.rgb_display))
+        found["ssim"] = fidelity.ssim(apply_matrix(luma, shot.rgb_display), apply_matrix(luma, ideal.rgb_display))
     picture, reference = shot.xyz(), ideal.xyz()
     lab, lab_reference = difference.lab(picture, white), difference.lab(reference, white)
     shown = difference.delta_e_2000(lab, lab_reference)
-    found["de_mean"], found["de_median"], found["de_p95"] = quality.spread(shown)
-    seen = quality.spread(scielab.scielab(picture, reference, white, samples_per_degree))
+    found["de_mean"], found["de_median"], found["de_p95"] = fidelity.spread(shown)
+    seen = fidelity.spread(scielab.scielab(picture, reference, white, samples_per_degree))
     found["scielab_mean"], found["scielab_p95"] = seen.mean, seen.p95
     found["false_colour"] = artefacts.false_colour(lab, lab_reference)
     flat = flat_region(reference)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Stage, hookimpl, quantity
-from etendue.physics import cfa
+from etendue.physics.sensor import cfa
 from etendue_demosaic_malvar.kernel import malvar
 
 
@@ -18,6 +18,7 @@ from etendue_demosaic_malvar.kernel import malvar
 class DemosaicMalvar(Stage):
     """Bilinear, corrected by the Laplacian of the measured colour (Malvar, He and Cutler 2004)."""
 
+    role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Stage, hookimpl, param, quantity
-from etendue.physics import cfa
+from etendue.physics.sensor import cfa
 from etendue_demosaic_menon.adapter import implementation, menon
 
 
@@ -18,6 +18,7 @@ from etendue_demosaic_menon.adapter import implementation, menon
 class DemosaicMenon(Stage):
     """Directional filtering with a posteriori decision (Menon, Andriani and Calvagno 2007), computed by colour-demosaicing."""
 
+    role: ClassVar = "demosaicing"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from etendue.physics.psf_bank import PsfBank
+from etendue.physics.field.psf_bank import PsfBank
 from etendue_lens_optiland import pupil
 from etendue_lens_optiland.lens import Lens
 

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, quantity
-from etendue.physics import field_blur, warp
+from etendue.physics.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
 
@@ -135,7 +135,7 @@ class Blur(Moved):
         else:
             tangents = banks.tangents_of(self.fields)
         traced = banks.psf_bank(lens, tangents, wavelengths, self.pupil_samples, self.window, self.lost)
-        return field_blur.prepare(
+        return blur.prepare(
             traced.bank,
             y,
             x,
@@ -150,7 +150,7 @@ class Blur(Moved):
         return prepared.take(bands)
 
     def run(self, irradiance: Any, prepared: Any) -> dict[str, Any]:
-        return {"irradiance": field_blur.apply(irradiance, prepared)}
+        return {"irradiance": blur.apply(irradiance, prepared)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "the scene is uniform: blur changes nothing") if facts.uniform and self.weights == "image" else None

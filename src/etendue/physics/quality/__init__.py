@@ -1,0 +1,5 @@
+"""How good a picture is: against a reference, and to an observer.
+
+In:  a picture and what it should be.
+Out: PSNR, SSIM, S-CIELAB, visible noise, artefacts.
+"""

@@ -1,0 +1,5 @@
+"""How fine a detail survives: contrast by frequency, edges, stars, textures.
+
+In:  transfer functions, or pictures of edges, stars and leaves.
+Out: contrast, MTF50, limits and their intervals.
+"""

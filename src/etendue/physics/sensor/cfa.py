@@ -1,0 +1,252 @@
+"""Colour filter arrays of any period: which pixel sees through which filter.
+
+In:  the name of an array, or its letters row by row ("RG/GB"); planes by channel; pixel indices.
+Out: a ``Mask``; one value per pixel; the index of each pixel's channel; positions beyond the border.
+Sources: Bayer, US patent 3971065 (1976). Quad-Bayer: each site of a Bayer cell four pixels large. RGBW: Compton and
+Hamilton, US patent 8139130 (2012), with panchromatic pixels on a checkerboard. X-Trans: the 6 x 6 cell of Fujifilm's X
+sensors as raw converters know it. RCCC: one red and three clear pixels, of driver-assistance cameras.
+
+A letter is a name, and the column of a sensitivity table: R, G, B, W or C for clear, anything else by table. Masks are
+periodic and belong to the sensor: pixel (i, j) has the letter at (i mod rows, j mod columns), whatever window is read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
+COLOURS = "RGB"
+LARGEST_PERIOD = 64
+_OTHERS = {
+    "RGBW": ("WGWR", "GWRW", "WBWG", "BWGW"),
+    "X-Trans": ("GGRGGB", "GGBGGR", "BRGRBG", "GGBGGR", "GGRGGB", "RBGBRG"),
+    "RCCC": ("RC", "CC"),
+    "mono": ("W",),
+}
+NAMES = (*BAYER, *(f"quad-{name}" for name in BAYER), *_OTHERS)
+
+
+@dataclass(frozen=True)
+class Mask:
+    """One period of a colour filter array, row by row; a smaller period inside it has been found already."""
+
+    rows: tuple[str, ...]
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Letters in the order of the planes: R, G, B, then others as they appear."""
+        seen = dict.fromkeys("".join(self.rows))
+        return (*(c for c in "RGB" if c in seen), *(c for c in seen if c not in "RGB"))
+
+    @property
+    def period(self) -> tuple[int, int]:
+        return len(self.rows), len(self.rows[0])
+
+    @property
+    def bayer(self) -> str | None:
+        """The name of a Bayer order, or None."""
+        name = "".join(self.rows)
+        return name if self.period == (2, 2) and name in BAYER else None
+
+    def sites(self, channel: str) -> list[tuple[int, int]]:
+        """Where in the period a channel sits."""
+        return [(y, x) for y, row in enumerate(self.rows) for x, letter in enumerate(row) if letter == channel]
+
+    def __str__(self) -> str:
+        return "/".join(self.rows)
+
+
+def parse(text: str) -> Mask:
+    """The mask with a name, or with these letters.
+
+    Parameters
+    ----------
+    text : str
+        One of `NAMES`, in any case; or rows of letters separated by "/", all of one length, such as "RG/GB".
+
+    Returns
+    -------
+    Mask
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, rows of different length, signs that are no letters, or a period above 64.
+    """
+    by_name = {name.casefold(): name for name in NAMES}
+    name = by_name.get(text.strip().casefold())
+    if name is None and "/" not in text:
+        raise ValueError(
+            f"pattern is {text!r}; allowed are {', '.join(BAYER)}, these with quad- before, {', '.join(_OTHERS)}, "
+            "rows such as 'RG/GB', or a .csv file"
+        )
+    if name in _OTHERS:
+        rows = _OTHERS[name]
+    elif name is not None:
+        order = name.removeprefix("quad-")
+        each = 2 if name.startswith("quad-") else 1
+        rows = tuple("".join(letter * each for letter in order[i : i + 2]) for i in (0, 2) for _ in range(each))
+    else:
+        rows = tuple(row.strip().upper() for row in text.strip().strip("/").split("/"))
+    if len({len(row) for row in rows}) != 1 or not all(row.isascii() and row.isalpha() for row in rows):
+        raise ValueError(f"pattern is {text!r}; allowed are rows of letters of one length, separated by '/', such as 'RG/GB'")
+    if max(len(rows), len(rows[0])) > LARGEST_PERIOD:
+        raise ValueError(f"the pattern repeats after {len(rows)} x {len(rows[0])} pixels; allowed are at most {LARGEST_PERIOD}")
+    across = _shortest(["".join(row[x] for row in rows) for x in range(len(rows[0]))])
+    down = _shortest(list(rows))
+    return Mask(tuple(row[:across] for row in rows[:down]))
+
+
+def parse_rows(text: str) -> Mask:
+    """The mask written in the lines of a table: letters, with or without commas and spaces between them; # starts a comment.
+
+    Raises
+    ------
+    ValueError
+        As `parse`, and where there are no letters.
+    """
+    stripped = (line.partition("#")[0].replace(",", " ").split() for line in text.splitlines())
+    rows = ["".join(cells) for cells in stripped if cells]
+    if not rows:
+        raise ValueError("there are no letters; expected rows such as R,G and G,B")
+    return parse("/".join(rows) + "/")
+
+
+def tint(channel: str) -> tuple[float, float, float]:
+    """Red, green, blue of a letter, for pictures of a mosaic; grey for what is no known colour."""
+    known = {"R": (1.0, 0.0, 0.0), "G": (0.0, 1.0, 0.0), "B": (0.0, 0.0, 1.0), "Y": (1.0, 1.0, 0.0), "M": (1.0, 0.0, 1.0)}
+    return known.get(channel, (1.0, 1.0, 1.0))
+
+
+def _shortest(items: list[str]) -> int:
+    """Length of the shortest block whose repetition gives the items."""
+    size = len(items)
+    return next(n for n in range(1, size + 1) if size % n == 0 and items == items[:n] * (size // n))
+
+
+def shifted_bayer(name: str, row: int, column: int) -> str:
+    """The Bayer order which a window sees that starts at pixel (row, column) of a sensor with the order ``name``."""
+    return "".join(name[2 * ((row + y) % 2) + (column + x) % 2] for y in (0, 1) for x in (0, 1))
+
+
+def phase(pattern: str) -> dict[str, list[tuple[int, int]]]:
+    """Where in the 2 x 2 cell of a Bayer order each colour sits.
+
+    Parameters
+    ----------
+    pattern : str
+        One of `BAYER`, named by its cell at pixel (0, 0), row by row (Bayer, US patent 3971065, 1976).
+
+    Returns
+    -------
+    dict
+        "R", "G", "B" to a list of (row offset, column offset); green has two.
+
+    Raises
+    ------
+    ValueError
+        If the pattern is not one of the four.
+    """
+    if pattern not in BAYER:
+        raise ValueError(f"pattern is {pattern!r}; allowed are {', '.join(BAYER)}")
+    return {c: [divmod(i, 2) for i in range(4) if pattern[i] == c] for c in COLOURS}
+
+
+def channel_index(mask: Mask | str, rows: int, columns: int, first_row: int = 0, first_column: int = 0) -> NDArray[np.uint8]:
+    """The channel of every pixel of a window: its place in ``mask.channels``.
+
+    Parameters
+    ----------
+    mask : Mask or str
+        A string is parsed.
+    rows, columns : int
+        Size of the window, at or above 0.
+    first_row, first_column : int
+        Its first pixel on the sensor, of any sign.
+
+    Returns
+    -------
+    (rows, columns) array of uint8
+    """
+    mask = parse(mask) if isinstance(mask, str) else mask
+    table = np.array([[mask.channels.index(letter) for letter in row] for row in mask.rows], np.uint8)
+    height, width = mask.period
+    return table[(np.arange(rows) + first_row)[:, None] % height, (np.arange(columns) + first_column)[None, :] % width]
+
+
+def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: int = 0) -> NDArray:
+    """What the sensor keeps of full planes: one channel per pixel.
+
+    Parameters
+    ----------
+    planes : (channel, y, x) array, any unit
+        In the order of ``mask.channels``.
+    mask : Mask or str
+        A string is parsed.
+    first_row, first_column : int
+        First pixel of the planes on the sensor.
+
+    Returns
+    -------
+    (y, x) array, unit and dtype of planes
+        Copies of samples, bit for bit.
+
+    Raises
+    ------
+    ValueError
+        If there is not one plane for each channel.
+    """
+    planes, mask = np.asarray(planes), parse(mask) if isinstance(mask, str) else mask
+    if planes.ndim != 3 or planes.shape[0] != len(mask.channels):
+        raise ValueError(f"planes has shape {planes.shape}; allowed is ({len(mask.channels)}, y, x): {', '.join(mask.channels)}")
+    mosaic = np.empty(planes.shape[1:], planes.dtype)
+    for plane, channel in zip(planes, mask.channels, strict=True):
+        for where in sites_of(mask, channel, first_row, first_column):
+            mosaic[where] = plane[where]
+    return mosaic
+
+
+def sites_of(mask: Mask, channel: str, first_row: int = 0, first_column: int = 0) -> list[tuple[slice, slice]]:
+    """Slices of a window that hold all the pixels of a channel."""
+    height, width = mask.period
+    return [(slice((y - first_row) % height, None, height), slice((x - first_column) % width, None, width)) for y, x in mask.sites(channel)]
+
+
+def continued(size: int, period: int, margin: int) -> NDArray[np.intp]:
+    """Pixels that stand in for those beyond the border: mirrored by whole periods, so that colours keep their place.
+
+    Parameters
+    ----------
+    size : int
+        Pixels along the axis, at least 1.
+    period : int
+        Of the mask along the axis.
+    margin : int
+        Pixels wanted on each side, of any number.
+
+    Returns
+    -------
+    (size + 2 margin,) array of int
+        Indices inside the frame, of the positions -margin ... size + margin - 1. Congruent to the position modulo the
+        period; a frame shorter than the period repeats its outermost pixels instead. For a period of 2 this is the
+        mirror image about the outermost pixels, for a period of 1 the one about the border.
+    """
+    position = np.arange(-margin, size + margin)
+    if size < period:
+        return np.clip(position, 0, size - 1)
+    while True:
+        outside = (position < 0) | (position >= size)
+        if not outside.any():
+            return position
+        position = np.where(position < 0, _turned(position, period), position)
+        position = np.where(position >= size, size - 1 - _turned(size - 1 - position, period), position)
+
+
+def _turned(position: NDArray[np.intp], period: int) -> NDArray[np.intp]:
+    """Blocks of one period in reverse order about 0, each as it was inside."""
+    block, offset = np.divmod(position, period)
+    return (-1 - block) * period + offset

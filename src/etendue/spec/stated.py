@@ -1,0 +1,37 @@
+"""Errors that are the same for all values of a stage: a number by precision, and how it is known.
+
+In:  bounds relative to full scale, for 32 and 64 bits.
+Out: what stands on a class as ``error``, in the place of a method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Asked like a method: ``stage.error(facts, grid, precision)``."""
+
+    float32: float
+    float64: float
+    how: str
+
+    def __call__(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (self.float32 if precision == "float32" else self.float64), self.how
+
+
+def proved(float32: float, float64: float | None = None) -> Stated:
+    """From the arithmetic itself; one number holds for both precisions."""
+    return Stated(float32, float32 if float64 is None else float64, "proved")
+
+
+def measured(float32: float, float64: float | None = None) -> Stated:
+    """Against a reference."""
+    return Stated(float32, float32 if float64 is None else float64, "measured")
+
+
+def fitted(float32: float, float64: float | None = None) -> Stated:
+    """Along a rule that goes through measured errors."""
+    return Stated(float32, float32 if float64 is None else float64, "fitted")

@@ -1,0 +1,204 @@
+"""Exposure: photocurrent to charge, in the order in which it happens.
+
+In:  ``photocurrent`` (y, x), electron/s.
+Out: ``expected_charge`` and ``charge``, electron, (y, x) or (frame, y, x).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, proved, quantity
+from etendue.physics.electronics import amplifier, dynamic_range, noise
+from etendue.stages.electronics.gain_chain import full_well
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposing(Stage):
+    """What photocurrent and dark current leave in the pixels after a time, with the patterns that belong to the sensor."""
+
+    error: ClassVar = proved(2e-7, 1e-15)
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    dark_current_density: float = quantity("dark_current_density")
+    temperature: float = quantity("temperature")
+    dark_reference_temperature: float = quantity("dark_reference_temperature")
+    dark_doubling: float = quantity("dark_doubling")
+    sensor_serial: str = quantity("sensor_serial")
+    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
+    dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel")
+
+    def dark_charge(self, time: Any) -> Any:
+        """Mean dark charge after a time, electron."""
+        warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
+        return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
+
+    def after(self, time: Any, photocurrent: Any, rng_sensor: Any) -> Any:
+        """Expected charge after a time, electron; of several times (frame, 1, 1) one frame each."""
+        kind = photocurrent.dtype.type
+        signal = photocurrent * np.asarray(time, dtype=kind)
+        if self.prnu > 0:
+            signal *= self._spread(self.prnu, rng_sensor.normal("prnu"), kind)
+        dark = np.asarray(self.dark_charge(time), dtype=kind)
+        if self.dark_nonuniformity > 0 and np.any(dark > 0):
+            dark = dark * self._spread(self.dark_nonuniformity, rng_sensor.normal("dark current"), kind)
+        signal += dark
+        return signal
+
+    @staticmethod
+    def _spread(rms: float, pattern: Any, kind: Any) -> Any:
+        """A factor about 1 for each pixel, never negative."""
+        factor = pattern * kind(rms)
+        factor += 1
+        return np.maximum(factor, 0, out=factor)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure(Exposing):
+    """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
+
+    role: ClassVar = "exposure"
+    reads: ClassVar = {"photocurrent": "y x [electron/s]"}
+    writes: ClassVar = {"expected_charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+    negative: ClassVar = "clip"  # the undershoot of band-limited light, once, in front of the Poisson draw
+    nanoseconds: ClassVar = 3.0
+    libraries: ClassVar = ("numpy",)
+
+    integration_time: float = quantity("integration_time")
+
+    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
+        return {"expected_charge": self.after(self.integration_time, photocurrent, rng_sensor)}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        high = facts["photocurrent"].high
+        if high is None or self.prnu > 0 or self.dark_nonuniformity > 0:
+            return Facts()
+        dark = float(self.dark_charge(self.integration_time))
+        return Facts(low=dark, high=high * self.integration_time + dark)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureSeries(Exposing):
+    """Repeated and bracketed exposures of one scene: a frame each, brackets in order, each of them ``repeats`` times.
+
+    Every frame behind it has its own shot and read noise; the patterns of the sensor are the same in all.
+    """
+
+    role: ClassVar = "bracketing"
+    reads: ClassVar = {"photocurrent": "y x [electron/s]"}
+    writes: ClassVar = {"expected_charge": "frame y x [electron]", "exposure_time": "frame [s]"}
+    gain: ClassVar = 1.0
+    negative: ClassVar = "clip"
+    nanoseconds: ClassVar = 3.0
+    libraries: ClassVar = ("numpy",)
+
+    integration_time: float = quantity("integration_time")
+    repeats: int = param(2, at_least=1, at_most=10_000, doc="frames of every bracket")
+    brackets: tuple[float, ...] = param(
+        (0.0,), units="stop", at_least=-40, at_most=40, doc="exposures beside the integration time, such as [-2, 0, 2]"
+    )
+
+    def __post_init__(self) -> None:
+        if not self.brackets:
+            raise ValueError("brackets = [] leaves no exposure; [0] is the integration time itself")
+
+    def times(self) -> Any:
+        return self.integration_time * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        frames = Labels(tuple(range(len(self.brackets) * self.repeats)))
+        return {"expected_charge": inputs["photocurrent"].replace(frame=frames), "exposure_time": Grid.of({"frame": frames})}
+
+    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
+        times = self.times()
+        return {"expected_charge": self.after(times[:, None, None], photocurrent, rng_sensor), "exposure_time": times}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShotNoise(Stage):
+    """Photons arrive one by one: Poisson about the expected charge."""
+
+    role: ClassVar = "shot noise"
+    reads: ClassVar = {"expected_charge": "... y x [electron]"}
+    writes: ClassVar = {"charge": "... y x [electron]"}
+    gain: ClassVar = 1.0
+    nanoseconds: ClassVar = 60.0
+
+    noise: str = quantity("noise")
+    exact_below: float = param(
+        30.0, units="electron", at_least=10, infinite=True, fidelity=True, reference="inf: exact Poisson at every mean",
+        doc="above this mean the draw is a Cornish-Fisher form within 1e-3 of Poisson in total variation",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if self.common_draws and self.exact_below > noise.LARGEST_INVERTED:
+            raise ValueError(
+                f"exact_below is {self.exact_below:g} electron; noise = 'common' inverts the distribution up to "
+                f"{noise.LARGEST_INVERTED:g} at most: lower it, or take noise = 'independent'"
+            )
+
+    @property
+    def common_draws(self) -> bool:
+        return self.noise == "common"
+
+    def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
+        if self.common_draws:
+            return {"charge": noise.poisson_by_inversion(expected_charge, rng.random(expected_charge.shape), self.exact_below)}
+        return {"charge": noise.poisson(expected_charge, rng, self.exact_below)}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """The expected value stays as it is."""
+        return facts["expected_charge"]
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Total variation from Poisson, not an error of the mean."""
+        return (0.0 if math.isinf(self.exact_below) else 1e-3), "proved"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FullWell(Stage):
+    """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
+
+    role: ClassVar = "full well"
+    reads: ClassVar = {"charge": "... y x [electron]"}
+    writes: ClassVar = {"charge": "... y x [electron]"}
+    gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 1.0
+    error: ClassVar = proved(6e-8, 1e-16)
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    aperture_fraction: float = quantity("aperture_fraction")
+    full_well_density: float = quantity("full_well_density")
+
+    def capacity(self) -> float:
+        return full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": np.minimum(charge, charge.dtype.type(self.capacity()))}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        """What clipping takes from the mean of a Poisson count, as a share of the full well."""
+        if facts.high is None or facts.high >= self.capacity():
+            return None
+        sigma = math.sqrt(max(facts.high, 1.0))
+        away = (self.capacity() - facts.high) / sigma
+        return sigma * math.exp(-0.5 * away**2) / self.capacity(), "the light stays below the full well"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        known, capacity = facts["charge"], self.capacity()
+        return Facts(
+            uniform=known.uniform,
+            low=None if known.low is None else min(known.low, capacity),
+            high=capacity if known.high is None else min(known.high, capacity),
+        )
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {"exposure": Exposure, "exposure_series": ExposureSeries, "shot_noise": ShotNoise, "full_well": FullWell}

@@ -1,0 +1,211 @@
+"""Figures of exposure and noise: dynamic range, how a frame is exposed, what a grey card gives.
+
+In:  camera quantities; ``raw`` and ``expected_charge``; the light of a white diffuser; ``exposure_time`` where it is metered.
+Out: scalars, each at the axes that reach it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue import spectra
+from etendue.api import hookimpl, measured, quantity
+from etendue.constants import LUMINOUS_EFFICACY
+from etendue.physics.electronics import amplifier, dynamic_range, metering
+from etendue.stages.electronics.gain_chain import GainChain, analogue_gain
+from etendue.stages.sensor.crosstalk import mixing_of
+from etendue.stages.sensor.sensitivity import Collecting, electrons_per_irradiance
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseFloor(GainChain):
+    """What noise and saturation depend on, beside the time."""
+
+    dark_current_density: float = quantity("dark_current_density")
+    temperature: float = quantity("temperature")
+    dark_reference_temperature: float = quantity("dark_reference_temperature")
+    dark_doubling: float = quantity("dark_doubling")
+    read_noise: float = quantity("read_noise")
+    read_noise_after: float = quantity("read_noise_after")
+
+    def dark_charge(self, time: float) -> Any:
+        warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
+        return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
+
+    def sigma(self) -> float:
+        """Read noise at the gain, electron."""
+        return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+
+    def dark_variance(self, time: float) -> float:
+        """Temporal variance in the dark, electron^2: shot noise of the dark charge, read noise, quantisation."""
+        return float(self.dark_charge(time)) + self.sigma() ** 2 + 1 / (12 * self.dn_per_electron() ** 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeFigures(NoiseFloor):
+    """Dynamic range after a time."""
+
+    role: ClassVar = "figures"
+    error: ClassVar = measured(1e-7, 1e-14)
+
+    dsnu: float = quantity("dsnu")
+
+    def figures(self, time: float) -> dict[str, Any]:
+        gain, dark, largest = self.dn_per_electron(), self.dark_charge(time), self.saturation()
+        elgamal = dynamic_range.dynamic_range_elgamal(largest, dark, self.sigma(), self.dsnu)
+        emva = dynamic_range.dynamic_range_emva(largest, dark, self.sigma(), gain)
+        decibel_per_stop = 20 * np.log10(2)
+        return {
+            "dr_elgamal": elgamal, "dr_emva": emva, "dark_charge": dark, "dr_elgamal_stops": elgamal / decibel_per_stop,
+            "dr_emva_stops": emva / decibel_per_stop, "system_gain": np.array(gain),
+        }  # fmt: skip
+
+
+RANGE = {
+    "dr_elgamal": "[dB] nan", "dr_emva": "[dB] nan", "dark_charge": "[electron]", "dr_elgamal_stops": "[stop] nan",
+    "dr_emva_stops": "[stop] nan", "system_gain": "[DN/electron]",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicRange(RangeFigures):
+    """Largest over smallest signal, two definitions under two names: dark noise as smallest (eqs. 12-13), or SNR = 1 (EMVA 1288).
+
+    At the analogue gain of the camera, which ``system_gain`` states in DN per electron.
+    """
+
+    writes: ClassVar = RANGE
+
+    integration_time: float = quantity("integration_time")
+
+    def run(self) -> dict[str, Any]:
+        return self.figures(self.integration_time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DynamicRangeMetered(RangeFigures):
+    """``dynamic_range`` at the time that the metering has found."""
+
+    reads: ClassVar = {"exposure_time": "[s]"}
+    writes: ClassVar = RANGE
+
+    def run(self, exposure_time: Any) -> dict[str, Any]:
+        return self.figures(float(exposure_time))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureReport(GainChain):
+    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected charge.
+
+    Clipped is what stands at the top code, and what expects more charge than the well holds: read noise behind a full well, or
+    a well that ends below the top code, leaves no trace in the codes.
+    """
+
+    role: ClassVar = "figures"
+    reads: ClassVar = {"raw": "... y x [DN] uint16", "expected_charge": "... y x [electron]"}
+    writes: ClassVar = {"clipped_fraction": "[1]", "black_fraction": "[1]", "mean_snr": "[1]"}
+    nanoseconds: ClassVar = 5.0
+    error: ClassVar = measured(1e-6, 1e-14)
+
+    read_noise: float = quantity("read_noise")
+    read_noise_after: float = quantity("read_noise_after")
+    dsnu: float = quantity("dsnu")
+
+    def run(self, raw: Any, expected_charge: Any) -> dict[str, Any]:
+        sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+        variance = expected_charge + expected_charge.dtype.type(sigma**2 + self.dsnu**2)
+        snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
+        clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())
+        return {
+            "clipped_fraction": np.array(np.count_nonzero(clipped) / raw.size),
+            "black_fraction": np.array(np.count_nonzero(raw <= self.black_level) / raw.size),
+            "mean_snr": np.array(snr.mean(dtype=np.float64)),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class GreyCard(NoiseFloor, Collecting):
+    """Exposure value, ISO speed and the signal-to-noise ratio of a grey card, after a time."""
+
+    error: ClassVar = measured(1e-6, 1e-13)
+
+    f_number: float = quantity("f_number")
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["wavelength_edges"])
+        lumens = LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
+        return electrons_per_irradiance(self, edges), lumens, edges
+
+    def figures(self, time: float, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        electrons, lumens, edges = prepared
+        rates = electrons * white_irradiance
+        rate = float((mixing_of(self, edges, rates) @ rates.sum(axis=1)).max())
+        illuminance, luminance = float(lumens @ white_irradiance), float(lumens @ white_radiance)
+        if not (rate > 0 and illuminance > 0 and luminance > 0):
+            raise ValueError(
+                f"a white diffuser gives {rate:g} electron/s, {illuminance:g} lx at the sensor and {luminance:g} cd/m2: figures of a "
+                "grey card need light that sensor and eye both see; look at the filter, the illuminant and the wavelengths"
+            )
+        variance = self.dark_variance(time)
+        needed = float(metering.charge_at_snr(10.0, variance))
+        scene = np.pi * luminance  # lx on a perfect white diffuser of this luminance
+        room = self.saturation()
+        card = metering.GREY * rate * time
+        return {
+            "exposure_value": metering.exposure_value(self.f_number, time),
+            "saturation_iso": metering.saturation_iso(illuminance * room / rate),
+            "snr_18": np.array(metering.grey_card_snr(rate * time, variance) if card < room else np.nan),
+            "snr10_illuminance": np.array(scene * needed / card if needed < room else np.nan),
+        }
+
+
+LIGHT = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+FIGURES = {"exposure_value": "[stop]", "saturation_iso": "[1]", "snr_18": "[dB] nan", "snr10_illuminance": "[lx] nan"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureNumbers(GreyCard):
+    """Exposure value, saturation-based ISO speed at the gain, and what a grey card under the scene's light gives on the axis.
+
+    ``exposure_value`` is log2(N^2 / t). ``saturation_iso`` is 78 over the exposure (lx s) at which the first channel
+    saturates (ISO 12232), by well or converter. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
+    the channel with most charge, raw: shot noise of light and dark current, read noise, quantisation. ``snr10_illuminance``
+    is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they are;
+    the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much larger
+    as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
+    """
+
+    role: ClassVar = "figures"
+    reads: ClassVar = LIGHT
+    writes: ClassVar = FIGURES
+    nanoseconds: ClassVar = 1000.0
+    libraries: ClassVar = ("colour-science",)
+
+    integration_time: float = quantity("integration_time")
+
+    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        return self.figures(self.integration_time, white_radiance, white_irradiance, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureNumbersMetered(GreyCard):
+    """``exposure_numbers`` at the time that the metering has found."""
+
+    reads: ClassVar = {**LIGHT, "exposure_time": "[s]"}
+    writes: ClassVar = FIGURES
+    nanoseconds: ClassVar = 1000.0
+    libraries: ClassVar = ("colour-science",)
+
+    def run(self, white_radiance: Any, white_irradiance: Any, exposure_time: Any, prepared: Any) -> dict[str, Any]:
+        return self.figures(float(exposure_time), white_radiance, white_irradiance, prepared)
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {
+        "dynamic_range": DynamicRange, "dynamic_range_metered": DynamicRangeMetered, "exposure_report": ExposureReport,
+        "exposure_numbers": ExposureNumbers, "exposure_numbers_metered": ExposureNumbersMetered,
+    }  # fmt: skip

@@ -1,0 +1,177 @@
+"""What a camera resolves up to each stage, from its transfer functions alone, and which part of it limits that.
+
+In:  the transfer functions of all stages, the pixel's weights.
+Out: MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point separations, by ``stage``; gains by ``factor``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from etendue.api import Labels, Probe, hookimpl, param, quantity
+from etendue.physics.resolution import contrast as resolution
+from etendue.physics.resolution import two_points
+from etendue.spec.stage import ends_in_sum
+from etendue.stages.sensor.pixel import Diffusion
+
+POINT_NODES = 160  # of the integral behind the picture of a point: 80 times its smallest detail is far enough
+FACTORS = ("lens", "diffusion", "geometry", "sampling")
+
+
+def direction(angle: float) -> tuple[float, float]:
+    """(y, x) of a direction in degrees from +x towards +y; exactly an axis where it is one."""
+    whole = {0.0: (0.0, 1.0), 90.0: (1.0, 0.0), -90.0: (-1.0, 0.0), 180.0: (0.0, -1.0)}
+    return whole.get(angle, (math.sin(math.radians(angle)), math.cos(math.radians(angle))))
+
+
+def signed(otf: Any, weights: Any, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+    """The photon-weighted mean along a direction, with the rendering of the chart or without."""
+
+    def value(f: Any) -> Any:
+        fy, fx = towards[0] * f, towards[1] * f
+        found = resolution.mean_otf(otf.along(fy, fx), weights)
+        return found * otf.scene_along(fy, fx) if rendering else found
+
+    return value
+
+
+def response(otf: Any, weights: Any, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+    """Its size: contrast."""
+    own = signed(otf, weights, towards, rendering)
+    return lambda f: np.abs(own(f))
+
+
+def factor_of(stage: Any) -> str:
+    """Which factor a stage with a transfer function belongs to: what is no photodiode is in front of it."""
+    if ends_in_sum(type(stage)):
+        return "geometry"
+    return "diffusion" if isinstance(stage, Diffusion) else "lens"
+
+
+def gains(otf: Any, weights: Any, towards: tuple[float, float], nyquist: float, highest: float, nodes: int) -> Any:
+    """(factor,): MTF50 without each factor over MTF50 with it; of sampling, MTF50 over the Nyquist frequency, where above it.
+
+    The rendering of the chart is no part of the camera and is left out. Where contrast then does not fall to one half up to
+    ``highest``, it stands for that MTF50: no more is known. NaN where it does not with all of the camera.
+    """
+    grid = resolution.search_nodes(highest, nodes)
+
+    def mtf50(camera: Any) -> float:
+        own = response(camera, weights, towards, rendering=False)
+        return resolution.falls_below(own, 0.5, grid, own(grid))
+
+    whole = mtf50(otf)
+    if math.isnan(whole):
+        return np.full(len(FACTORS), math.nan)
+    found = []
+    for factor in FACTORS[:-1]:
+        names = [name for name, stage in otf.parts if factor_of(stage) == factor]
+        without = mtf50(otf.without(names)) if names else whole
+        found.append((highest if math.isnan(without) else without) / whole)
+    return np.array([*found, max(1.0, whole / nyquist)])
+
+
+def first_largest(values: Any) -> float:
+    """Index of the largest; NaN where nothing is known, or nothing limits."""
+    return float(np.argmax(values)) if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1 else math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolution(Probe):
+    """Analytic resolution up to each stage: the photon-weighted polychromatic transfer function along one direction.
+
+    The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) under an equal-energy
+    light; in front of a pixel stage every photon counts the same. It is the camera's curve: the softness with which the scene's
+    chart was drawn is in every picture of it and in ``edge_resolution``, and here only with ``rendering = true``.
+
+    ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest at
+    which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
+    light without being a transfer function. ``aliasing``: share of the energy of a line's picture (a white
+    spectrum) beyond the Nyquist frequency, which sampling folds back. ``sparrow`` and ``rayleigh``: separation of two points
+    between which there is no dip, and the dip of two Airy discs at Rayleigh's; the curve along the direction stands for all
+    directions. ``effective_*``: MTF50, but at most the Nyquist frequency. ``limiting_factor`` is the index into ``factor`` with the
+    largest ``resolution_gain``, which is how many times MTF50 would be without that factor; sampling's is MTF50 over the
+    Nyquist frequency.
+    """
+
+    role: ClassVar = "resolution"
+    reads: ClassVar = {"transfers": "*.transfer [1]"}
+    writes: ClassVar = {
+        "mtf50": "stage [um-1] nan", "mtf50_lp_mm": "stage [mm-1] nan", "mtf10": "stage [um-1] nan", "cut_off": "stage [um-1] nan",
+        "nyquist": "[um-1]", "mtf_nyquist": "stage [1] nan", "aliasing": "stage [1] nan",
+        "rayleigh": "stage [um] nan", "sparrow": "stage [um] nan",
+        "effective_lp_mm": "stage [mm-1] nan", "effective_cycles": "stage [pixel-1] nan", "effective_line_widths": "stage [1] nan",
+        "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
+    }  # fmt: skip
+    creates: ClassVar = {"factor": Labels(FACTORS)}
+    nanoseconds: ClassVar = 1.5e7
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    angle: float = param(0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y")
+    rendering: bool = param(False, doc="whether the softness or the cells of the scene's chart belong to the curve")
+    cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
+    highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
+    nodes: int = param(
+        512, at_least=16, held=(16, 16384), fidelity=True, reference="twice the nodes", doc="frequencies at which a crossing is looked for"
+    )
+
+    def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
+        weights = None if prepared is None else prepared[min(1, len(prepared) - 1)]
+        towards, nyquist = direction(self.angle), 0.5 / self.pixel_pitch
+        rows = [self.figures(otf, weights, towards, nyquist) for _, otf in transfers]
+        by_stage = {name: np.array([row[name] for row in rows]) for name in (*_FIGURES, "rayleigh", "sparrow")}
+        effective = np.fmin(by_stage["mtf50"], nyquist)
+        effective = np.where(np.isnan(by_stage["mtf_nyquist"]), np.nan, effective)
+        height = picture_height(transfers)
+        last = [otf for _, otf in transfers if otf.weights is not None][:1] or [otf for _, otf in transfers][-1:]
+        gain = np.full(len(FACTORS), np.nan)
+        if last and last[0].whole:
+            gain = gains(last[0], weights, towards, nyquist, self.highest, self.nodes)
+        return {
+            **by_stage, "mtf50_lp_mm": by_stage["mtf50"] * 1e3, "nyquist": np.array(nyquist),
+            "effective_lp_mm": effective * 1e3, "effective_cycles": effective * self.pixel_pitch,
+            "effective_line_widths": 2 * effective * height,
+            "resolution_gain": gain, "limiting_factor": np.array(first_largest(gain)),
+        }  # fmt: skip
+
+    def figures(self, otf: Any, weights: Any, towards: tuple[float, float], nyquist: float) -> dict[str, float]:
+        if not otf.whole:
+            return dict.fromkeys((*_FIGURES, "rayleigh", "sparrow"), math.nan)
+        grid = resolution.search_nodes(self.highest, self.nodes)
+        values = signed(otf, weights, towards, self.rendering)(grid)
+        contrast = response(otf, weights, towards, self.rendering)
+        found = resolution.resolved(contrast, nyquist, grid, np.abs(values), self.cut_off_contrast)
+        ends = self.highest if math.isnan(found.cut_off) else found.cut_off
+        curve = CubicSpline(grid, np.real(values))
+        spread = {
+            "rayleigh": two_points.rayleigh_separation(curve, ends, nodes=POINT_NODES),
+            "sparrow": two_points.sparrow_separation(curve, ends, nodes=POINT_NODES),
+        }
+        return {**{name: getattr(found, name) for name in _FIGURES}, **spread}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of separations and energies, by the spline between nodes: 5e-5 from f/1.4 to f/22; frequencies are right to 1e-9."""
+        return 5e-5, "measured"
+
+
+_FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing")
+
+
+def picture_height(transfers: Any) -> float:
+    """Of the pixels that are read, um; NaN without a pixel stage."""
+    for _, otf in transfers:
+        if otf.weights is not None and otf.grid is not None:
+            line = otf.grid.line("y")
+            return float(line.size * line.um()[1])
+    return math.nan
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {"resolution": Resolution}

@@ -1,0 +1,430 @@
+"""Scenes: radiance on the image-plane grid, in front of the lens, at an absolute level.
+
+In:  a chart's geometry (um on the image plane) or a photograph, an illuminant, the luminance of a white diffuser.
+Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue import spectra
+from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quantity
+from etendue.physics.colour.encoding import srgb_decode
+from etendue.physics.scene import charts, composite, resampling
+from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
+from etendue.stages.scene.picture import MOST_PIXELS, read_picture
+
+DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Stage):
+    """What all scenes share: level, light, grid."""
+
+    role: ClassVar = "scene"
+    reads: ClassVar = {}
+    writes: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
+    libraries: ClassVar[tuple[str, ...]] = ("colour-science",)
+    nanoseconds: ClassVar = 12.0
+
+    white_luminance: float = param(
+        units="cd m-2", at_least=0,
+        doc="luminance of a perfect white diffuser in the scene, of all its light, rendered or not; 0: give radiance",
+    )  # fmt: skip
+    radiance: float = param(
+        0.0, units="W m-2 sr-1", at_least=0,
+        doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light that no eye sees",
+    )  # fmt: skip
+    illuminant: str = quantity("illuminant")
+    width: float = param(1000.0, units="um", above=0, doc="width of the light on the image plane")
+    height: float = param(1000.0, units="um", above=0, doc="height of the light on the image plane")
+    spacing: float = param(
+        1.0, units="um", above=0, fidelity=True, reference="half the spacing",
+        doc="distance between samples; half of it resolves twice the frequency",
+    )  # fmt: skip
+    light: str = param(
+        "bandlimited", choices=("bandlimited", "cells"),
+        doc="a value is a sample of band-limited light, or the mean over a grid cell: points, hard edges, coarse grids",
+    )  # fmt: skip
+    centre_y: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
+    centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
+    wavelength_from: float = param(380.0, units="nm", above=0)
+    wavelength_to: float = param(780.0, units="nm", above=0)
+    bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", doc="width of a wavelength bin")
+
+    def __post_init__(self) -> None:
+        spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
+        if (self.white_luminance > 0) == (self.radiance > 0):
+            raise ValueError(
+                f"white_luminance is {self.white_luminance:g} cd/m2 and radiance {self.radiance:g} W m-2 sr-1; one of them gives the "
+                "level of the light, and the other is 0"
+            )
+        if self.white_luminance > 0:
+            spectra.check_luminance(self.illuminant)
+
+    def edges(self) -> tuple[float, ...]:
+        quotient = (self.wavelength_to - self.wavelength_from) / self.bin_width
+        too_many = beyond(quotient, "bands", MOST_BANDS, f"bin_width {self.bin_width:g} nm is too narrow")
+        if too_many:
+            raise ValueError(too_many)
+        count = round(quotient)
+        if count < 1 or abs(self.wavelength_from + count * self.bin_width - self.wavelength_to) > 1e-6:
+            raise ValueError(
+                f"bin_width {self.bin_width:g} nm does not divide {self.wavelength_from:g}-{self.wavelength_to:g} nm into whole bins"
+            )
+        return tuple(self.wavelength_from + i * self.bin_width for i in range(count + 1))
+
+    def plane(self) -> Grid:
+        lines = {}
+        for dim, length, centre in (("y", self.height, self.centre_y), ("x", self.width, self.centre_x)):
+            too_many = beyond(length / self.spacing, f"samples along {dim}", MOST_POINTS, "take a wider spacing or a smaller scene")
+            if too_many:
+                raise ValueError(too_many)
+            size = max(1, round(length / self.spacing))
+            lines[dim] = Line(size, centre * 1e3 - 0.5 * (size - 1) * self.spacing, self.spacing, cells=self.light == "cells")
+        return Grid.of({"wavelength": Bands(self.edges()), **lines})
+
+    def known(self) -> Facts:
+        """Facts about the chart; contrast is that of the reflectances."""
+        raise TypeError(f"{type(self).__name__} must say what is known of it")
+
+    def band_limit(self) -> float | None:
+        """Frequency at which the rendering leaves a hundredth; not known where nothing limits it."""
+        softness = self.softness_um(getattr(self, "softness", 0.0))
+        return math.sqrt(0.5 * math.log(100.0)) / (math.pi * softness) if softness > 0 else None
+
+    def describe(self) -> tuple[Facts, dict[str, Grid]]:
+        grid = self.plane()
+        if self.white_luminance and not DIMMEST <= self.white_luminance <= BRIGHTEST:
+            raise ValueError(f"white_luminance is {self.white_luminance:g} cd m-2; allowed are {DIMMEST:g} to {BRIGHTEST:g}")
+        limit = self.band_limit() if self.light == "bandlimited" else None
+        facts = replace(self.known(), band_limit=limit, rendered=self.rendered())
+        return facts, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+
+    def rendered(self) -> tuple[float, float] | None:
+        """With what the ideal chart is drawn: rms width of a Gaussian and side of the cells, um."""
+        return self.softness_um(getattr(self, "softness", 0.0)), self.cell
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        said = []
+        if self.white_luminance > 0:
+            said += spectra.luminance_notes(self.illuminant, self.wavelength_from, self.wavelength_to)
+        if not (self.light == "cells" or facts.uniform or getattr(self, "softness", 1.0) > 0):
+            said.append("without softness nothing limits the band of its edges; give it some, or light = 'cells'")
+        return said
+
+    def error(self, facts: Facts, grid: Any, precision: str) -> tuple[float, str]:
+        """Tables are interpolated to 1 nm: 1.2e-4 in the chromaticity of D65 at 10 nm bins."""
+        return 1.2e-4 * self.bin_width / 10, "measured"
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["out_wavelength_edges"])
+        if self.radiance > 0:
+            return spectra.light_of_radiance(self.illuminant, edges, self.radiance)
+        return spectra.light_of_luminance(self.illuminant, edges, self.white_luminance)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[bands]
+
+    def constants(self, prepared: Any) -> dict[str, Any]:
+        return {"white_radiance": prepared[0] if isinstance(prepared, tuple) else prepared}
+
+    def softness_um(self, softness: float) -> float:
+        return softness * self.spacing
+
+    @property
+    def cell(self) -> float:
+        """Side of the cells over which values are means, um; 0 where they are samples."""
+        return self.spacing if self.light == "cells" else 0.0
+
+    def centred(self, y: Any, x: Any) -> tuple[Any, Any]:
+        return y - self.centre_y * 1e3, x - self.centre_x * 1e3
+
+    def grey(self, reflectance: Any, white: Any) -> dict[str, Any]:
+        """A chart whose reflectance is the same at every wavelength."""
+        return {"radiance": white[:, None, None] * reflectance, "white_radiance": white}
+
+
+def _softness() -> Any:
+    return param(
+        1.0, at_least=0, fidelity=True, reference="the ideal chart",
+        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
+    )  # fmt: skip
+
+
+def _contrast(low: float, high: float) -> float:
+    """Of two reflectances, refused before anything is drawn if they stand the wrong way round."""
+    charts.require_levels(low, high)
+    return high / low if low > 0 else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uniform(Scene):
+    """The same light everywhere."""
+
+    reflectance: float = param(1.0, at_least=0, at_most=1)
+
+    def known(self) -> Facts:
+        return Facts(uniform=True, contrast=1.0)
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        return self.grey(np.full((out_y.size, out_x.size), self.reflectance), prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlantedEdge(Scene):
+    """A straight edge, dark left and light right, tilted from the vertical (ISO 12233)."""
+
+    angle: float = param(5.0, units="deg", above=-90, below=90)
+    low: float = param(0.1, at_least=0, at_most=1)
+    high: float = param(0.9, at_least=0, at_most=1)
+    softness: float = _softness()
+
+    def known(self) -> Facts:
+        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        y, x = self.centred(out_y, out_x)
+        return self.grey(
+            charts.slanted_edge(y, x, self.angle, self.low, self.high, self.softness_um(self.softness), cell=self.cell), prepared
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiemensStar(Scene):
+    """A star whose reflectance is sinusoidal in the angle (ISO 12233)."""
+
+    cycles: int = param(36, at_least=1, held=(1, 100_000))
+    radius: float = param(400.0, units="um", above=0)
+    low: float = param(0.1, at_least=0, at_most=1)
+    high: float = param(0.9, at_least=0, at_most=1)
+    softness: float = _softness()
+
+    def known(self) -> Facts:
+        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        y, x = self.centred(out_y, out_x)
+        star = charts.siemens_star(y, x, self.cycles, self.radius, self.low, self.high, self.softness_um(self.softness), self.cell)
+        return self.grey(star, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZonePlate(Scene):
+    """Circles whose frequency grows with the radius: aliasing made visible."""
+
+    highest_frequency: float = param(0.25, units="um-1", above=0, doc="local frequency at the radius")
+    radius: float = param(400.0, units="um", above=0)
+    low: float = param(0.1, at_least=0, at_most=1)
+    high: float = param(0.9, at_least=0, at_most=1)
+    softness: float = _softness()
+
+    def known(self) -> Facts:
+        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        y, x = self.centred(out_y, out_x)
+        plate = charts.zone_plate(
+            y, x, self.highest_frequency, self.radius, self.low, self.high, self.softness_um(self.softness), self.cell
+        )
+        return self.grey(plate, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepWedge(Scene):
+    """Equal bars from dark to light, in equal steps of density."""
+
+    steps: int = param(12, at_least=2, held=(2, 1000))
+    low: float = param(0.01, above=0, at_most=1)
+    high: float = param(0.9, above=0, at_most=1)
+    softness: float = _softness()
+
+    def known(self) -> Facts:
+        return Facts(uniform=False, contrast=max(self.high / self.low, self.low / self.high))
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        y, x = self.centred(out_y, out_x)
+        levels = np.geomspace(self.low, self.high, self.steps)
+        wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.softness_um(self.softness), self.cell)
+        return self.grey(wedge, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points(Scene):
+    """A regular grid of small Gaussian spots on a dark ground."""
+
+    pitch: float = param(100.0, units="um", above=0, doc="distance between spots")
+    spot_sigma: float = param(1.0, units="um", above=0, doc="rms width of a spot")
+    background: float = param(0.001, at_least=0, at_most=1)
+    peak: float = param(1.0, above=0, at_most=1)
+    softness: float = _softness()
+
+    def known(self) -> Facts:
+        charts.require_levels(self.background, self.peak)
+        charts.require_spot_distance(self.pitch, math.hypot(self.spot_sigma, self.softness_um(self.softness)))
+        return Facts(uniform=False, contrast=(self.background + self.peak) / self.background if self.background > 0 else math.inf)
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        y, x = self.centred(out_y, out_x)
+        spots = charts.points(y, x, self.pitch, self.spot_sigma, self.background, self.peak, self.softness_um(self.softness), self.cell)
+        return self.grey(spots, prepared)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Coloured(Scene):
+    """Charts with the ColorChecker's measured reflectances."""
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["out_wavelength_edges"])
+        return super().prepare(coordinates), spectra.colorchecker(edges)[1]
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0][bands], prepared[1][:, bands]
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        return [*super().warn(facts, grids), *spectra.held_in_the_infrared("ColorChecker", self.wavelength_from, self.wavelength_to)]
+
+    def known(self) -> Facts:
+        # The darkest patch of the chart reflects 0.029 at least and the lightest 0.93 at most, at every wavelength.
+        return Facts(uniform=False, contrast=40.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorChecker(_Coloured):
+    """The 24 patches with their measured reflectance spectra, on grey."""
+
+    background: float = param(0.18, above=0.025, at_most=1)
+    gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in patch pitches")
+    softness: float = _softness()
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        white, reflectance = prepared
+        y, x = self.centred(out_y, out_x)
+        size = min(self.width / 6, self.height / 4)
+        rows, columns = composite.patches_factors(
+            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.softness_um(self.softness), self.cell
+        )
+        cube = composite.patch_contribution(rows, columns, reflectance)
+        cube = cube + self.background * composite.background_weight(rows, columns)
+        return {"radiance": cube * white[:, None, None], "white_radiance": white}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompositeChart(_Coloured):
+    """ColorChecker, slanted edges, Siemens star, zone plate and step wedge in one frame."""
+
+    highest_frequency: float = param(0.1, units="um-1", above=0, doc="frequency at the rim of the zone plate")
+    angle: float = param(5.0, units="deg", above=-45, below=45, held=(-10, 10), doc="of the tilted square; beyond 10 it leaves its place")
+    cycles: int = param(36, at_least=1, held=(1, 100_000))
+    low: float = param(0.05, above=0.025, at_most=1)
+    high: float = param(0.9, above=0, at_most=1)
+    margin: float = param(0.0, units="um", at_least=0, doc="mid-grey around the chart, inside width and height")
+    softness: float = _softness()
+
+    def known(self) -> Facts:
+        charts.require_levels(self.low, self.high)
+        return super().known()
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        white, reflectance = prepared
+        y, x = self.centred(out_y, out_x)
+        chart = composite.composite(
+            y, x, self.width - 2 * self.margin, self.height - 2 * self.margin, self.softness_um(self.softness),
+            highest_frequency=self.highest_frequency, low=self.low, high=self.high, angle_deg=self.angle, cycles=self.cycles,
+            cell=self.cell,
+        )  # fmt: skip
+        cube = composite.patch_contribution(chart.rows, chart.columns, reflectance)
+        cube += chart.grey
+        cube *= white[:, None, None]
+        return {"radiance": cube, "white_radiance": white}
+
+
+def _linear_photograph(path: str, rows: int, columns: int) -> Any:
+    """What ``_read_photograph`` gives, remembered as long as the file stays as it is."""
+    state = os.stat(path)
+    return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=4)
+def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
+    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light; what to note."""
+    picture = read_picture(path)
+    height, width = picture.values.shape[:2]
+    scale = min(height / rows, width / columns)
+    crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
+    top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
+    crop = picture.values[top : top + crop_rows, left : left + crop_columns]
+    linear = resampling.area_average(crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full))
+    linear.flags.writeable = False
+    return np.broadcast_to(linear, (3, rows, columns)), picture.note
+
+
+@dataclass(frozen=True, kw_only=True)
+class Photograph(Scene):
+    """A picture (PNG, JPEG, TIFF; sRGB-encoded, at its full depth) as a reflecting surface under the illuminant.
+
+    Decoded to linear light, area-averaged onto the grid, and given spectra by a basis whose colours under D65 are
+    those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
+    """
+
+    file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
+    libraries: ClassVar = ("colour-science", "pillow", "tifffile")
+
+    def band_limit(self) -> float:
+        return 0.5 / self.spacing
+
+    def rendered(self) -> None:
+        """What a camera and a file format have done to it nobody knows."""
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        _, note = _linear_photograph(self.file, *self.size())
+        return [
+            *super().warn(facts, grids),
+            *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to),
+            *([f"{os.path.basename(self.file)}: {note}"] if note else []),
+        ]
+
+    def size(self) -> tuple[int, int]:
+        grid = self.plane()
+        rows, columns = grid["y"].size, grid["x"].size
+        too_many = beyond(rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene")
+        if too_many:
+            raise ValueError(too_many)
+        return rows, columns
+
+    def known(self) -> Facts:
+        linear, _ = _linear_photograph(self.file, *self.size())
+        low, high = float(linear.min()), float(linear.max())
+        return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["out_wavelength_edges"])
+        return super().prepare(coordinates), spectra.upsampling_basis(edges)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0][bands], prepared[1][bands]
+
+    def run(self, prepared: Any) -> dict[str, Any]:
+        white, basis = prepared
+        linear, _ = _linear_photograph(self.file, *self.size())
+        weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
+        cube = weights[:, 0] * linear[0]  # not a matrix product: its bits would hang on the number of bands
+        cube += weights[:, 1] * linear[1]
+        cube += weights[:, 2] * linear[2]
+        return {"radiance": cube, "white_radiance": white}
+
+
+@hookimpl
+def etendue_stages() -> dict[str, type]:
+    return {
+        "uniform": Uniform, "slanted_edge": SlantedEdge, "siemens_star": SiemensStar, "zone_plate": ZonePlate,
+        "step_wedge": StepWedge, "points": Points, "colorchecker": ColorChecker, "composite": CompositeChart,
+        "photograph": Photograph,
+    }  # fmt: skip
