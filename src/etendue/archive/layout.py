@@ -136,7 +136,7 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
     for name in kept:
         declaration = node.writes[name]
         grid = cells[0].grids[name]
-        dims = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
+        dims = declaration.dims
         attrs = {"units": declaration.unit, "long_name": LONG_NAMES.get(name, name.replace("_", " "))}
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions

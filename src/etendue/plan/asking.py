@@ -7,12 +7,14 @@ refuses, and stays one.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from etendue.errors import PluginError
-from etendue.spec.facts import Facts
+from etendue.spec.facts import UNKNOWN, Facts
+from etendue.spec.found import NotKnown
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, has_method, writes_of
 from etendue.telling import foreign, plain
@@ -45,6 +47,8 @@ def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
     with foreign(f"{kind.__name__}.__post_init__"):
         try:
             stage = kind(**values)
+        except NotKnown:  # what it would look at is found by a run, which makes it again
+            stage = unchecked(kind, values)
         except TypeError as error:
             raise ValueError(str(error)) from error
     if not isinstance(stage, kind):
@@ -54,6 +58,21 @@ def made(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
     except Exception as error:
         raise PluginError(f"{kind.__name__} is no value: {error}; write @dataclass(frozen=True, kw_only=True)") from None
     return stage
+
+
+def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
+    """An instance whose values have not been looked at."""
+    stage = object.__new__(kind)
+    for field in dataclasses.fields(kind):
+        object.__setattr__(stage, field.name, values.get(field.name, field.default))
+    return stage
+
+
+def _needed_before(stage: Stage, method: str, name: str) -> PluginError:
+    return PluginError(
+        f"{_name(stage, method)} depends on {name}, which an earlier stage finds while the run goes on: what a grid depends on is known "
+        f"before; give {name} under [camera], behind no stage that writes it"
+    )
 
 
 def _grids(stage: Stage, method: str, found: Any) -> Mapping[str, Grid]:
@@ -77,7 +96,10 @@ def _facts(stage: Stage, method: str, found: Any) -> Facts:
 
 def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
     with foreign(_name(stage, "describe")):
-        found = stage.describe()
+        try:
+            found = stage.describe()
+        except NotKnown as error:
+            raise _needed_before(stage, "describe", str(error)) from None
     if not isinstance(found, tuple) or len(found) != 2:
         raise _nonsense(stage, "describe", found, "(Facts, {variable: Grid})")
     return _facts(stage, "describe", found[0]), _grids(stage, "describe", found[1])
@@ -88,19 +110,28 @@ def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     if not has_method(type(stage), "grid"):
         return {}
     with foreign(_name(stage, "grid")):
-        found = stage.grid(dict(inputs))
+        try:
+            found = stage.grid(dict(inputs))
+        except NotKnown as error:
+            raise _needed_before(stage, "grid", str(error)) from None
     return _grids(stage, "grid", found)
 
 
 def carried(stage: Any, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
     with foreign(_name(stage, "carry")):
-        found = stage.carry(dict(facts), dict(grids))
+        try:
+            found = stage.carry(dict(facts), dict(grids))
+        except NotKnown:
+            return UNKNOWN
     return _facts(stage, "carry", found)
 
 
 def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None:
     with foreign(_name(stage, "negligible")):
-        found = stage.negligible(facts, grid)
+        try:
+            found = stage.negligible(facts, grid)
+        except NotKnown:
+            return None
     if found is None:
         return None
     fine = isinstance(found, tuple) and len(found) == 2 and _is_number(found[0]) and isinstance(found[1], str)
@@ -112,7 +143,10 @@ def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None
 def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
     """What ``error`` or ``segment_error`` states."""
     with foreign(_name(stage, method)):
-        found = getattr(stage, method)(*given)
+        try:
+            found = getattr(stage, method)(*given)
+        except NotKnown:
+            return None, "unknown"
     fine = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], str) and found[1] in KNOWN_BY
     if not fine or not (found[0] is None or (_is_number(found[0]) and found[0] >= 0)):
         raise _nonsense(stage, method, found, f"(a bound from 0 or None, how it is known: {', '.join(KNOWN_BY)})")
@@ -124,7 +158,10 @@ def texts(stage: Any, method: str, *given: Any) -> list[str]:
     if not has_method(type(stage), method):
         return []
     with foreign(_name(stage, method)):
-        found = getattr(stage, method)(*given)
+        try:
+            found = getattr(stage, method)(*given)
+        except NotKnown:
+            return []
         if isinstance(found, Iterable) and not isinstance(found, str):
             found = list(found)
     if not isinstance(found, list) or not all(isinstance(text, str) for text in found):

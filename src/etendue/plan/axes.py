@@ -86,10 +86,6 @@ def _parameter_of(request: Request, key: str, entries: Entries, camera: Quantiti
 def _quantity_of(request: Request, key: str, entries: Entries, camera: Quantities) -> _Target | None:
     """The camera quantity that a bare name means; None where nothing, or a fault, comes of it."""
     place = f"sweep.{key}"
-    if key in camera.found:
-        finder, instead = camera.found[key]
-        request.fault(place, f"{finder!r} finds {key} itself: {instead.replace('<stage>', finder)}")
-        return None
     if key not in camera.declared:
         if not request.whole:
             return None
@@ -101,4 +97,5 @@ def _quantity_of(request: Request, key: str, entries: Entries, camera: Quantitie
         return None
     one = camera.declared[key]
     users = [s for s, made in entries.items() if any(key in parameters_of(o.kind) for o in made)]
-    return _Target(one.parameter, one.kind, key, key, users)
+    dim = f"camera_{key}" if key in camera.written else key  # the name of a variable is that variable's
+    return _Target(one.parameter, one.kind, dim, key, users)

@@ -15,8 +15,7 @@ from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
 from etendue.registry import Registry
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import Probe, ends_in_sum, is_transfer, looks, reads_of, writes_of
-from etendue.spec.variables import Declaration
+from etendue.spec.stage import Probe, ends_in_sum, is_transfer, looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
 Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
@@ -36,21 +35,24 @@ def link(
         if not made:
             continue
         inputs = tuple(_bind(request, entry, one, nodes) for one in made)
+        mapped = _mapped(request, entry, made, inputs, nodes)
         looks_at = _looks(request, made, inputs, nodes)
         use_axis = swapped[entry.name].dim if entry.name in swapped else None
-        own = {dim for dim, _ in direct.get(entry.name, [])} | ({use_axis} if use_axis else set())
+        own_direct = tuple((dim, name) for dim, name in direct.get(entry.name, []) if _taken_from_camera(name, made, inputs))
+        own = {dim for dim, _ in own_direct} | ({use_axis} if use_axis else set())
         reach = own | _reach(inputs, looks_at, nodes)
         node = Node(
             name=entry.name,
             number=number,
             place=entry.place,
             alternatives=made,
-            direct=tuple(direct.get(entry.name, [])),
+            direct=own_direct,
             use_axis=use_axis,
             inputs=inputs,
             looks_at=looks_at,
-            writes=_resolved_writes(request, entry, made, inputs, nodes),
+            writes={d.variable: d.led_by(mapped) for d in writes_of(made[0].kind).values()},
             axes=tuple(axis.dim for axis in axes if axis.dim in reach),
+            mapped=mapped,
         )
         nodes.append(replace(node, segment=_segment(node, nodes)))
     return nodes
@@ -59,9 +61,9 @@ def link(
 def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[Node]) -> Bound:
     """Which earlier node writes each port of an alternative."""
     bound = []
-    reads = reads_of(one.kind)
+    reads, quantities = reads_of(one.kind), quantities_of(one.kind)
     for port in entry.origin:
-        if port not in reads:
+        if port not in reads and port not in quantities:
             request.fault(f"{entry.place}.from", f"{one.use} has no port {port!r}{nearest(port, reads)}")
     for port, declaration in reads.items():
         variable = declaration.variable
@@ -70,19 +72,66 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
         node = (
             _named_writer(request, entry, port, variable, earlier)
             if port in entry.origin
-            else _nearest_writer(request, entry, one, variable, earlier)
+            else _nearest_writer(request, entry, one, port, variable, earlier)
         )
         if node is None:
             continue
         written = node.writes[variable]
-        if not declaration.accepts(written.dims) or declaration.unit != written.unit or declaration.dtype != written.dtype:
+        if declaration.mapped(written.dims) is None or declaration.unit != written.unit or declaration.dtype != written.dtype:
             request.fault(
                 entry.place,
                 f"{one.use} reads {variable} as '{declaration}', but {node.name!r} writes '{written}'; "
                 f"put a stage between them that converts it",
             )
         bound.append((port, node.name, variable))
+    for name, parameter in quantities.items():
+        writer = _named_writer(request, entry, name, name, earlier) if name in entry.origin else _found_by(name, earlier)
+        if writer is None:
+            continue
+        if writer.writes[name].unit != parameter.units or writer.writes[name].dtype != "float":
+            text = f"{one.use} takes {name} in {parameter.units}, but {writer.name!r} writes '{writer.writes[name]}'"
+            request.fault(entry.place, text)
+        bound.append((name, writer.name, name))
     return tuple(bound)
+
+
+def _taken_from_camera(name: str, made: tuple[Alternative, ...], inputs: tuple[Bound, ...]) -> bool:
+    """Whether a parameter of a stage is not written by an earlier one."""
+    pairs = zip(made, inputs, strict=True)
+    return any(name in parameters_of(one.kind) and name not in {port for port, _, _ in bound} for one, bound in pairs)
+
+
+def _found_by(name: str, earlier: list[Node]) -> Node | None:
+    """The last node that writes a camera quantity."""
+    return next((n for n in reversed(earlier) if name in n.writes), None)
+
+
+def _mapped(
+    request: Request, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]
+) -> tuple[str, ...]:
+    """The dims that lead what a stage reads and that it does not work on itself."""
+    by_name = {node.name: node for node in earlier}
+    every = []
+    for one, bound in zip(made, inputs, strict=True):
+        reads = reads_of(one.kind)
+        found = [
+            reads[port].mapped(by_name[source].writes[v].dims) if port in reads else by_name[source].writes[v].dims
+            for port, source, v in bound
+        ]
+        leading = sorted({dims for dims in found if dims}, key=len)
+        dims = leading[-1] if leading else ()
+        if any([dim for dim in dims if dim in few] != list(few) for few in leading):
+            shown = " and ".join(" ".join(dims) for dims in leading)
+            request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
+        worked_on = {dim for d in reads.values() for dim in d.dims}
+        for d in writes_of(one.kind).values():
+            for dim in set(d.dims) & set(dims) - worked_on:
+                text = f"{one.use} is run for each {dim} of what it reads, but writes {d.variable} with a {dim} of its own"
+                request.fault(entry.place, text)
+        every.append(dims)
+    if len(set(every)) > 1:
+        request.fault(entry.place, f"alternatives are run one by one over {' and '.join(' '.join(d) or 'nothing' for d in set(every))}")
+    return every[0]
 
 
 def _named_writer(request: Request, entry: StageEntry, port: str, variable: str, earlier: list[Node]) -> Node | None:
@@ -108,10 +157,10 @@ def _named_writer(request: Request, entry: StageEntry, port: str, variable: str,
     return node
 
 
-def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, variable: str, earlier: list[Node]) -> Node | None:
+def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, port: str, variable: str, earlier: list[Node]) -> Node | None:
     """The last node before a stage that writes what it reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
-    if node is None and request.whole:
+    if node is None and request.whole and port not in optional_ports(one.kind):
         writers = _writers_of(request.registry, variable)
         hint = f"; put one of these before it: {', '.join(writers)}" if writers else ""
         request.fault(entry.place, f"{one.use} reads {variable}, but no earlier stage writes it{hint}")
@@ -184,28 +233,11 @@ def _before(names: set[str], nodes: list[Node]) -> set[str]:
     return found
 
 
-def _resolved_writes(
-    request: Request, entry: StageEntry, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]
-) -> dict[str, Declaration]:
-    """What a stage writes, ``...`` replaced by the leading dims of what it reads."""
-    by_name = {node.name: node for node in earlier}
-    found: list[dict[str, Declaration]] = []
-    for one, bound in zip(made, inputs, strict=True):
-        reads = reads_of(one.kind)
-        leading = {reads[port].leading(by_name[source].writes[variable].dims) for port, source, variable in bound} - {()}
-        if len(leading) > 1:
-            shown = " and ".join(" ".join(dims) for dims in sorted(leading))
-            request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
-        dims = min(leading, default=())
-        found.append({d.variable: d.led_by(dims) for d in writes_of(one.kind).values()})
-    return found[0]
-
-
 def _segment(node: Node, earlier: list[Node]) -> tuple[str, ...]:
     """Names of the transfer nodes joined before this one, and itself; () where it is no transfer function."""
     if not node.is_transfer or not node.inputs[0]:
         return ()
     source = next(n for n in earlier if n.name == node.inputs[0][0][1])
-    if source.is_transfer and not ends_in_sum(source.kind):
+    if source.is_transfer and not ends_in_sum(source.kind) and not node.mapped:
         return (*source.segment, node.name)
     return (node.name,)

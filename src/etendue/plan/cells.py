@@ -14,15 +14,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.plan import asking, leave_out
+from etendue.plan import asking, leave_out, words
 from etendue.plan.graph import Graph
 from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
+from etendue.plan.quantities import to_be_found
 from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
 from etendue.spec.facts import UNKNOWN, Facts
+from etendue.spec.found import Found
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, arguments_of, has_method, is_random, looks, parameters_of, reads_of, word_of
+from etendue.spec.stage import Stage, arguments_of, has_method, is_random, looks, parameters_of, quantities_of, reads_of, word_of, writes_of
 from etendue.spec.variables import Declaration
 from etendue.telling import plain
 
@@ -48,8 +50,7 @@ def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inpu
     """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
     creates = word_of(stage, "creates", {})
     found = {}
-    leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
-    for dim in leading:
+    for dim in declaration.dims:
         if given is not None and dim in given:
             found[dim] = given[dim]
         elif dim in creates:
@@ -79,17 +80,17 @@ class _Expansion:
         self.nodes = {node.name: node for node in graph.nodes}
         self.axes = {axis.dim: axis for axis in graph.axes}
         self.cells: dict[CellRef, Cell] = {}
-        self.values: dict[CellRef, str] = {}  # digest of the parameter values of a cell and its ancestors
-        self.stages: dict[tuple[str, tuple[Any, ...]], tuple[Stage, Alternative, int]] = {}
+        self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
+        self.words: dict[tuple[str, int], tuple[str, ...]] = {}
         self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
         self.faults: dict[str, Fault] = {}
         self.shares = leave_out.shares(graph.nodes, choice.tolerance)
 
-    def stage_at(self, node: Node, index: Mapping[str, int]) -> tuple[Stage, Alternative, int]:
-        number = index[node.use_axis] if node.use_axis else 0
-        own = tuple(index[dim] for dim, _ in node.direct)
-        known = self.stages.get((node.name, (number, *own)))
+    def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
+        """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
+        key = (node.name, (number, *(index[dim] for dim, _ in node.direct), *found))
+        known = self.stages.get(key)
         if known:
             return known
         one = node.alternatives[number]
@@ -100,13 +101,23 @@ class _Expansion:
         for dim, name in node.direct:
             if name in values:
                 values[name] = self.axes[dim].values[index[dim]]
+        values.update({one.name: one for one in found})
         try:
             stage = asking.made(one.kind, values)
         except (ValueError, PluginError) as error:
             raise RequestError([Fault(node.place, f"{one.use}: {plain(str(error))}")], self.pipeline.file) from None
-        made = (stage, one, number)
-        self.stages[(node.name, (number, *own))] = made
-        return made
+        self.stages[key] = stage
+        return stage
+
+    def found(self, one: Alternative, inputs: Any) -> tuple[Found, ...]:
+        """What stands for the quantities that earlier cells write: between the ends which those know of what they write first."""
+        quantities = quantities_of(one.kind)
+        stand = []
+        for name, ref, variable in inputs:
+            if name in quantities:
+                facts = self.cells[ref].facts if next(iter(self.nodes[ref[0]].writes)) == variable else UNKNOWN
+                stand.append(to_be_found(name, quantities[name], (facts.low, facts.high)))
+        return tuple(stand)
 
     def expand(self) -> tuple[dict[CellRef, Cell], str]:
         total = self.count()
@@ -146,7 +157,7 @@ class _Expansion:
                     index[node.use_axis] = position
                 for combination in itertools.product(*(range(len(self.axes[d].values)) for d, _ in node.direct)):
                     index.update({d: i for (d, _), i in zip(node.direct, combination, strict=True)})
-                    facts, _ = self.describe(node, self.stage_at(node, index)[0])
+                    facts, _ = self.describe(node, self.stage_at(node, position, index))
                     if facts.contrast is None or 2e-7 * facts.contrast > self.choice.tolerance:
                         return "float64"
         return "float32"
@@ -163,26 +174,33 @@ class _Expansion:
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
         by_dim = dict(zip(node.axes, index, strict=True))
-        stage, one, number = self.stage_at(node, by_dim)
+        number = by_dim[node.use_axis] if node.use_axis else 0
+        one = node.alternatives[number]
         inputs = tuple((port, self.ref(source, by_dim), variable) for port, source, variable in node.inputs[number])
+        stage = self.stage_at(node, number, by_dim, self.found(one, inputs))
         looks_at = tuple(
             (port, tuple(self.ref(name, by_dim) for name in names))
             for port, what, names in node.looks_at
             if port in reads_of(one.kind) and looks(reads_of(one.kind)[port]) == what
         )
-        input_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
-        input_facts = {p: self.cells[ref].facts for p, ref, v in inputs}
+        ports = reads_of(one.kind)
+        whole_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
+        input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole_grids.items() if p in ports}
+        input_facts = {p: self.cells[ref].facts for p, ref, v in inputs if p in ports}
+        mapped = tuple((dim, next(g[dim] for g in whole_grids.values() if dim in g)) for dim in node.mapped)
         try:
             if node.is_source:
                 facts, declared = self.describe(node, stage)
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
             else:
                 declared = asking.grids_of(stage, input_grids)
+                if mapped:
+                    declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(one.kind).values()}
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in node.writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
-            decided = self.decide(node, stage, inputs, input_facts, input_grids, grids)
+            decided = self.decide(node, stage, inputs, input_facts, whole_grids, grids)
             error_bound = self.error(node, stage, inputs, input_facts, input_grids)
-            seed = self.seed(node, stage, one, inputs, looks_at, index)
+            seed, open_words = self.seed(node, stage, inputs, looks_at)
         except PluginError as error:
             self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
             return
@@ -195,12 +213,12 @@ class _Expansion:
         if decided:
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
-        fields, key = self.key(node, stage, one, inputs, looks_at, decided, seed)
+        fields, key = self.key(node, stage, one, inputs, looks_at, decided, seed, open_words)
         cell = Cell(
             node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
-            seed=seed, input_grids=input_grids, grids=grids, facts=facts,
+            seed=seed, open_words=open_words, input_grids=input_grids, grids=grids, facts=facts,
             left_out=decided, bound=bound, error=error_bound,
-            segment_input=self.segment_input(node, inputs),
+            segment_input=self.segment_input(node, inputs), mapped=mapped,
         )  # fmt: skip
         self.cells[cell.ref] = cell
 
@@ -244,7 +262,7 @@ class _Expansion:
         return self.cells[source].segment_input if len(node.segment) > 1 else (source, variable)
 
     def key(
-        self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, decided: Any, seed: bytes
+        self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, decided: Any, seed: bytes, open_words: Any
     ) -> tuple[dict[str, Any], str]:
         if decided:
             main = next(iter(node.writes))
@@ -266,6 +284,7 @@ class _Expansion:
             fields["seed"], fields["name"] = self.pipeline.seed, node.name
         if "rng" in arguments_of(type(stage)):
             fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
+            fields["draws found by"] = [f"{w.stage}.{w.name} {self.cells[w.ref].key}" for w in open_words]
         for port, refs in looks_at:
             cells = [self.cells[ref] for ref in refs]
             if looks(reads_of(one.kind)[port]) == "transfer":  # asked of the stages, left out or not
@@ -278,15 +297,29 @@ class _Expansion:
                 fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
         return fields, digest(json.dumps(fields, sort_keys=True).encode())
 
-    def seed(self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, index: tuple[int, ...]) -> bytes:
+    def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
-        read = [f"{p} {self.values[ref]}" for p, ref, _ in inputs]
-        read += [f"{p} {ref[0]} {self.parameters(self.cells[ref].stage)}" for p, refs in looks_at for ref in refs if not node.is_probe]
-        values = digest("\n".join((node.name, self.parameters(stage), *read)).encode())
-        self.values[(node.name, index)] = values
         if not is_random(type(stage)):
-            return b""
-        return f"{self.pipeline.seed}|{node.name}|{'' if asking.common_draws(stage) else values}".encode()
+            return b"", ()
+        if asking.common_draws(stage):
+            return f"{self.pipeline.seed}|{node.name}|".encode(), ()
+        quantities = quantities_of(type(stage))
+        looked = [self.cells[ref] for _, refs in looks_at for ref in refs]
+        cells = words.behind(self.cells, [*(self.cells[ref] for p, ref, _ in inputs if p not in quantities), *looked])
+        lines = set(self.lines(node.name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
+        found = [(node.name, type(stage), one) for one in inputs if one[0] in quantities]
+        found += [(cell.node, type(cell.stage), one) for cell in cells for one in cell.found]
+        if not found:
+            return words.seed_of(self.pipeline.seed, node.name, lines), ()
+        awaited = tuple(words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found)
+        return "\n".join(sorted(lines)).encode(), awaited
+
+    def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
+        """A stage's words, taken once: it serves many cells."""
+        known = self.words.get((name, id(stage)))
+        if known is None:
+            known = self.words[(name, id(stage))] = words.own_lines(name, stage)
+        return known
 
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
         if not has_method(type(stage), "error"):

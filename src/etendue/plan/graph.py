@@ -17,12 +17,12 @@ from etendue.plan.axes import resolve_axes
 from etendue.plan.binding import link
 from etendue.plan.lacking import lacking
 from etendue.plan.model import Alternative, Axis, Node
-from etendue.plan.quantities import resolve_camera
+from etendue.plan.quantities import resolve_camera, to_be_found
 from etendue.plan.request import Request
 from etendue.registry import Registry
 from etendue.spec.names import unfit_axis
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import parameters_of
+from etendue.spec.stage import parameters_of, quantities_of
 from etendue.telling import plain
 
 
@@ -55,6 +55,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
     axes, direct = resolve_axes(request, entries, camera, list(swapped.values()))
     nodes = link(request, entries, swapped, axes, direct)
     _check_axis_names(request, nodes, axes)
+    _check_found(request, nodes, axes)
     _try_values(request, nodes, axes, camera.values)
     wanted = _wanted_of(request, nodes)
     for text in pipeline.keep or ():
@@ -97,6 +98,18 @@ def _check_axis_names(request: Request, nodes: list[Node], axes: list[Axis]) -> 
             request.fault(f"sweep.{axis.key}", f"{why}; give the stage another 'name'")
 
 
+def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
+    """What is given or swept although an earlier stage writes it for every stage that takes it."""
+    for name, finder in {name: finder for node in nodes for name, finder in node.found.items()}.items():
+        takers = [n for n in nodes if any(name in quantities_of(one.kind) and name not in n.found for one in n.alternatives)]
+        if takers or not request.whole:
+            continue
+        if any(axis.key == name for axis in axes):
+            request.fault(f"sweep.{name}", f"{finder!r} writes {name} for every stage that takes it; leave the axis out, or {finder!r}")
+        elif name in request.pipeline.camera:
+            request.warnings.append(f"camera.{name} is not used: {finder!r} finds it")
+
+
 def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: Mapping[str, Any]) -> None:
     """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
     first = {axis.dim: axis.values[0] for axis in axes if axis.values}
@@ -104,7 +117,8 @@ def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: M
         for one in node.alternatives:
             shared = {name: camera.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.camera}
             swept = {name: first[dim] for dim, name in node.direct if dim in first and name in parameters_of(one.kind)}
-            values = {**shared, **one.values, **swept}
+            found = {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found if name in quantities_of(one.kind)}
+            values = {**shared, **one.values, **swept, **found}
             if any(value is None for value in values.values()):
                 continue  # already a fault
             try:

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etendue.spec.found import Found
 from etendue.spec.stage import Stage, file_state, files_of, is_transfer, parameters_of
 
 PACKAGE = Path(__file__).parent.parent
@@ -30,6 +31,8 @@ def canonical(value: Any) -> Any:
     """A value as JSON that is the same text for the same value: floats in hex."""
     if isinstance(value, float):
         return value.hex()
+    if isinstance(value, Found):  # the key of the cell that finds it stands among the inputs
+        return "found"
     if isinstance(value, dict):
         return {str(k): canonical(v) for k, v in sorted(value.items())}
     if isinstance(value, list | tuple):

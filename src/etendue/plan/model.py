@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.spec.facts import Facts
-from etendue.spec.grid import Grid
+from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Probe, Stage, ends_in_sum, is_random, is_source, is_transfer
+from etendue.spec.stage import Probe, Stage, ends_in_sum, is_random, is_source, is_transfer, quantities_of
 from etendue.spec.variables import Declaration
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -52,11 +52,18 @@ class Node:
     alternatives: tuple[Alternative, ...]
     direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
     use_axis: str | None  # dim of the axis that swaps this stage
-    inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port, node, variable)
+    inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port or camera quantity, node, variable); ports first
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
     segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment up to itself
+    mapped: tuple[str, ...] = ()  # dims of what it reads that it does not work on: it is run for each of their values
+
+    @property
+    def found(self) -> dict[str, str]:
+        """Camera quantities that earlier stages write, and which stages those are."""
+        pairs = zip(self.alternatives, self.inputs, strict=True)
+        return {name: source for one, bound in pairs for name, source, _ in bound if name in quantities_of(one.kind)}
 
     @property
     def kind(self) -> type[Stage]:
@@ -99,11 +106,12 @@ class Cell:
     index: tuple[int, ...]
     stage: Stage
     use: str
-    inputs: tuple[tuple[str, CellRef, str], ...]  # (port, cell, variable)
+    inputs: tuple[tuple[str, CellRef, str], ...]  # (port or camera quantity, cell, variable); ports first
     looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
     key: str
     key_fields: Mapping[str, Any]
     seed: bytes
+    open_words: tuple[Any, ...]  # of its seed: lines whose value a run finds (plan.words.Open), and the closed ones behind them
     input_grids: Mapping[str, Grid]
     grids: Mapping[str, Grid]
     facts: Facts
@@ -111,6 +119,13 @@ class Cell:
     bound: float | None  # accumulated error of what was left out upstream; None: the claim has ended
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
+    mapped: tuple[tuple[str, Coordinate], ...] = ()  # dims in front of what is written for which the stage is run one by one
+
+    @property
+    def found(self) -> tuple[tuple[str, CellRef, str], ...]:
+        """Of its inputs the camera quantities."""
+        quantities = quantities_of(type(self.stage))
+        return tuple(one for one in self.inputs if one[0] in quantities)
 
     @property
     def ref(self) -> CellRef:

@@ -1,11 +1,12 @@
 """Camera quantities: what the stages of a pipeline share, given under ``[camera]`` or by the sensor's preset.
 
 In:  the alternatives at every stage, the pipeline's camera and preset.
-Out: ``Quantities``: declared by whom, with which value, found by which stage.
+Out: ``Quantities``: declared by whom, with which value, written by a stage or not.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,7 +16,8 @@ from etendue.plan.alternatives import Entries, meaning
 from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.request import Request
 from etendue.spec import camera as standard_camera
-from etendue.spec.stage import MISSING, Parameter, parameters_of
+from etendue.spec.found import Found
+from etendue.spec.stage import MISSING, Parameter, parameters_of, writes_of
 
 
 class Declared(NamedTuple):
@@ -33,14 +35,22 @@ class Quantities:
 
     declared: Mapping[str, Declared]
     values: dict[str, Any]  # None where a required one is lacking, or swept
-    found: Mapping[str, tuple[str, str]]  # those that a stage finds itself: which stage, and what to do instead
+    written: frozenset[str]  # those that a stage of the pipeline writes
 
 
 def resolve_camera(request: Request, entries: Entries) -> Quantities:
     """The camera's values, for all stages at once."""
     declared = _declared_by(request, entries)
-    values = _values_of(request, declared)
-    return Quantities(declared, values, _found_by(request, entries))
+    written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
+    return Quantities(declared, _values_of(request, declared, written), written)
+
+
+def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> Found:
+    """What stands for a quantity that an earlier stage writes, while planning: between the ends that the writer or its range gives."""
+    held = parameter.held or (-math.inf, math.inf)
+    lowest = max(x for x in (ends[0], parameter.at_least, parameter.above, held[0]) if x is not None)
+    highest = min(x for x in (ends[1], parameter.at_most, parameter.below, held[1]) if x is not None)
+    return Found(name, lowest, highest)
 
 
 def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
@@ -59,7 +69,7 @@ def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
     return declared
 
 
-def _values_of(request: Request, declared: Mapping[str, Declared]) -> dict[str, Any]:
+def _values_of(request: Request, declared: Mapping[str, Declared], written: frozenset[str]) -> dict[str, Any]:
     pipeline = request.pipeline
     values: dict[str, Any] = {}
     given = {**pipeline.preset, **pipeline.camera}
@@ -79,26 +89,7 @@ def _values_of(request: Request, declared: Mapping[str, Declared]) -> dict[str, 
             request.fault(f"camera.{name}", str(error))
     for name, one in declared.items():
         if name not in given:
-            if one.default is MISSING and name not in pipeline.sweep:
+            if one.default is MISSING and name not in pipeline.sweep and name not in written:
                 request.fault(f"camera.{name}", f"{one.use} needs it under [camera]: {meaning(one.parameter)}")
             values[name] = None if one.default is MISSING else one.default
     return values
-
-
-def _found_by(request: Request, entries: Entries) -> dict[str, tuple[str, str]]:
-    """What stages find from the light; such a camera quantity cannot be given to another stage."""
-    found: dict[str, tuple[str, str]] = {}
-    for name, made in entries.items():
-        for one in made:
-            found.update({quantity: (name, instead) for quantity, instead in one.kind.finds.items()})
-    for name, made in entries.items():
-        for one in made:
-            for quantity in found.keys() & parameters_of(one.kind).keys():
-                finder, instead = found[quantity]
-                other = f"{one.use}_metered"
-                hint = f"; use {other}" if other in request.registry else ""
-                request.fault(
-                    f"stages.{name}",
-                    f"{one.use} takes camera.{quantity}, which {finder!r} finds: {instead.replace('<stage>', finder)}{hint}",
-                )
-    return found

@@ -82,6 +82,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
                 _need_segment(plan, source, todo)
             elif (source[0], variable) not in plan.kept:
                 todo.add(source)
+        todo |= {word.ref for word in cell.open_words if (word.ref[0], word.variable) not in plan.kept}
         for port, what, _ in node.looks_at:
             if what != "transfer":
                 todo |= {s for s in dict(cell.looks_at).get(port, ()) if (s[0], what) not in plan.kept}

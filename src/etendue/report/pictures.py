@@ -47,8 +47,7 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
     if "y" not in grid or "x" not in grid:
         return None
     dims = plan.node(cell.node).writes[variable].dims
-    if dims[:1] == ("frame",):  # of several exposures the first is shown
-        dims, array = dims[1:], array[0]
+    dims = dims[len(dims) - array.ndim :]
     if dims == ("wavelength", "y", "x"):
         edges = grid.bands().edges
         observer = (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T.astype(np.float32)
@@ -87,7 +86,7 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
 def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[Frame]:
     """A frame for every stage with a picture; linear pictures of one kind share one scale."""
     kinds: dict[str, list[tuple[Cell, str, Any]]] = {}
-    order: list[tuple[Cell, str, str]] = []
+    order: list[tuple[Cell, str, Any, str]] = []
     for node in plan.nodes:
         cell = plan.cells[shown[node.name]]
         for variable in node.writes:
@@ -96,12 +95,14 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
             if getattr(arrays[cell.ref][variable], "on_demand", False):  # a large variable that is not stored would be made again
                 continue
             kind = variable if variable not in ("charge", "expected_charge") else "charge"
-            kinds.setdefault(kind, []).append((cell, variable, arrays[cell.ref][variable]))
-            order.append((cell, variable, kind))
+            array = arrays[cell.ref][variable]
+            for _ in node.mapped:  # of several frames the one in the middle
+                array = array[len(array) // 2]
+            kinds.setdefault(kind, []).append((cell, variable, array))
+            order.append((cell, variable, array, kind))
     frames = []
     scales: dict[str, float] = {}
-    for cell, variable, kind in order:
-        array = arrays[cell.ref][variable]
+    for cell, variable, array, kind in order:
         if variable == "rgb_display":
             picture = _fitted(np.asarray(array, dtype=np.float32))
         else:

@@ -14,80 +14,17 @@ import numpy as np
 
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
-from etendue.physics.electronics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
+from etendue.run.found import with_found
+from etendue.run.given import Clipped, arguments
 from etendue.run.jobs import Job
-from etendue.run.otf import transfers_of, weights_of
+from etendue.run.mapped import one_by_one
 from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
-from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
 from etendue.spec.ports import COUNTED, CellReport
-from etendue.spec.stage import arguments_of, has_method, is_transfer, word_of
+from etendue.spec.stage import is_transfer
 from etendue.telling import plain, told
-
-
-def _arguments(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> dict[str, Any]:
-    wanted = arguments_of(type(job.stage))
-    given: dict[str, Any] = {}
-    policy = job.stage.negative
-    for port, ref, variable in job.inputs:
-        array = results[ref].arrays[variable]
-        if isinstance(array, Banded):  # a stage that needs the whole of it
-            array = np.asarray(array)
-        if job.stage.nan != "keep" and array.dtype.kind == "f" and not np.isfinite(results[ref].lowest.get(variable, 0.0)):
-            raise PluginError(
-                f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
-                "look for the stage that made them, or use one that declares nan = 'keep'"
-            )
-        if policy != "keep" and array.dtype.kind == "f" and array.size:
-            known = results[ref].lowest
-            if variable not in known:  # looked for once, and only where somebody minds
-                known[variable] = float(array.min())
-        if policy != "keep" and results[ref].lowest.get(variable, 0.0) < 0:
-            if policy == "error":
-                raise PluginError(
-                    f"{variable} from {ref[0]!r} holds negative values (smallest {results[ref].lowest[variable]:.3g}), which "
-                    f"{job.ref[0]!r} refuses; look for the stage that made them, or use one that keeps or clips them"
-                )
-            below = array < 0
-            total = float(np.abs(array).sum(dtype=np.float64))
-            clipped.append((float(below.mean()), float(-array[below].sum(dtype=np.float64)) / total if total else 0.0))
-            array = frozen(np.maximum(array, 0))
-        given[port] = for_reading(array)
-    for port, what, pairs in job.looks_at:
-        if what == "transfer":
-            given[port] = transfers_of(job)
-        elif word_of(job.stage, "with_grids", False):
-            seen = zip(pairs, job.looked_grids[port], strict=True)
-            given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
-        else:
-            given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
-    others = [name for name in wanted if name not in given]
-    if "prepared" in others:
-        given["prepared"] = _prepared(job)
-    if "rng" in others:
-        given["rng"] = philox(job.seed)
-    if "rng_sensor" in others:
-        given["rng_sensor"] = SensorRandom(job.sensor_seed, next(iter(job.grids.values())), job.precision)
-    if any(name not in given for name in others):
-        key = ("coordinates", tuple(sorted(job.input_grids.items())), tuple(sorted(job.grids.items())))
-        found = TABLES.get(
-            key, lambda: {**coordinates_of(job.grids), **coordinates_of(job.input_grids), **coordinates_of(job.grids, "out_")}
-        )
-        for name in others:
-            if name not in given:
-                if name not in found:
-                    raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
-                given[name] = for_reading(found[name])
-    return {name: given[name] for name in wanted}
-
-
-def _prepared(job: Job) -> Any:
-    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
-    if has_method(type(job.stage), "prepare") or not job.transfers:
-        return prepared_of(job.stage, job.input_grids, job.grids)
-    return None if job.channel_weights is None else weights_of(job.channel_weights, job.bands)
 
 
 def check(job: Job, arrays: Any) -> dict[str, Any]:
@@ -100,14 +37,13 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
     checked, arrays = {}, dict(arrays)
     for variable, declaration in job.writes.items():
         grid = job.grids[variable]
-        leading = declaration.dims[1:] if declaration.dims[:1] == ("...",) else declaration.dims
-        shape = grid.shape(leading)
+        shape = grid.shape(declaration.dims)
         if isinstance(arrays[variable], Banded):
             checked[variable] = arrays[variable]  # checked band by band, as it is made
             continue
         array = as_array(name, variable, arrays.pop(variable))
         if array.shape != shape:
-            raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {leading} = {shape}")
+            raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {declaration.dims} = {shape}")
         wanted = np.dtype(job.precision if declaration.dtype == "float" else declaration.dtype)
         if wanted.kind == "f":
             if array.dtype.kind not in "fiub":
@@ -163,7 +99,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     for ref in job.needs:
         if results[ref].failed:
             return Result(failed=results[ref].failed), CellReport(*job.ref, "skipped", message=f"{results[ref].failed} failed")
-    clipped: list[tuple[float, float]] = []
+    clipped: Clipped = []
     elsewhere.seconds = 0.0
     try:
         if job.task == "load":
@@ -181,7 +117,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
                 seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
                 arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
-        share, flux = clipped[0] if clipped else (0.0, 0.0)
+        share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
         floored = sum(float(np.nansum(arrays[v])) for v in arrays if v.endswith(COUNTED))
         return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
@@ -204,8 +140,12 @@ def in_words(error: BaseException) -> bool:
     return isinstance(error, ValueError) and place is not None and place.tb_frame.f_globals.get("__name__", "").startswith("etendue.")
 
 
-def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float, float]]) -> tuple[Result, dict[str, Any]]:
+def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
     """What the stage makes of what it reads, checked."""
+    if job.mapped and not job.left_out:
+        arrays = one_by_one(job, results, clipped, _made)
+        return Result(lowest=_undefined(job, arrays)), arrays
+    job = with_found(job, results)
     if is_transfer(type(job.stage)):
         result, arrays = transferred(job, results)
     elif job.left_out:
@@ -216,7 +156,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
     else:
-        given = _arguments(job, results, clipped)
+        given = arguments(job, results, clipped)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
             result, arrays = Result(), job.stage.run(**given)  # type: ignore[attr-defined]
     if not is_transfer(type(job.stage)) or arrays:
@@ -230,7 +170,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: list[tuple[float
 def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
     """A finished cell: its arrays read back, or its spectrum rebuilt from the segment's input."""
     if job.spectrum:
-        result, _ = transferred(job, results)
+        result, _ = transferred(with_found(job, results), results)
     else:
         result = Result()
     assert job.target is not None

@@ -12,9 +12,10 @@ from typing import Any
 
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
-from etendue.spec.grid import Grid
+from etendue.plan.words import Open
+from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage, ends_in_sum, has_method
+from etendue.spec.stage import Stage, ends_in_sum, has_method, quantities_of, reads_of
 from etendue.spec.variables import Declaration
 
 
@@ -54,6 +55,13 @@ class Job:
     whole: tuple[bool, ...] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
     rendered: tuple[float, float] | None = None  # with what the scene in front of ``transfers`` was drawn
     looked_grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port, of what is looked at
+    found: tuple[tuple[str, CellRef, str], ...] = ()  # camera quantities of its stage that other cells find
+    found_by: tuple[tuple[tuple[str, CellRef, str], ...], ...] = ()  # the same for each of ``transfers``
+    found_before: tuple[tuple[tuple[str, CellRef, str], ...], ...] = ()  # the same for each of ``joined``
+    open_words: tuple[Open, ...] = ()  # of the seed, which holds the closed ones
+    seed_number: int = 0
+    mapped: tuple[tuple[str, Coordinate], ...] = ()  # dims in front of what it writes for which its stage is run one by one
+    leading: Mapping[tuple[str, str], tuple[int, ...]] = field(default_factory=dict)  # which of them lead a (stage, variable) that it reads
 
     @cached_property
     def needs(self) -> tuple[CellRef, ...]:
@@ -61,10 +69,19 @@ class Job:
         if self.task == "load" and not self.spectrum:
             return ()
         if self.previous is not None:
-            return (self.previous, *(ref for _, ref, _ in self.inputs[1:]))
+            return tuple(dict.fromkeys((self.previous, *(ref for _, ref, _ in self.inputs[1:]), *self.awaited)))
         refs = [ref for _, ref, _ in self.inputs]
+        refs += self.awaited
         refs += [ref for port, what, pairs in self.looks_at if what != "transfer" for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
+
+    @cached_property
+    def awaited(self) -> tuple[CellRef, ...]:
+        """The cells that find something this job does not know yet."""
+        if not (self.found or self.open_words or self.found_by or self.found_before):
+            return ()
+        every = (self.found, *self.found_by, *self.found_before)
+        return tuple(dict.fromkeys((*(ref for found in every for _, ref, _ in found), *(word.ref for word in self.open_words))))
 
     def without_stage(self) -> Job:
         """The same job for those who will not compute it: what its stage is cannot be said to another process."""
@@ -105,10 +122,18 @@ def make_jobs(
                 spectra.add(source)
             else:
                 arrays.setdefault(source, {})[variable] = None
+        for word in cell.open_words:
+            arrays.setdefault(word.ref, {})[word.variable] = None
         for port, what, _ in node.looks_at:
-            if what != "transfer":
-                for source in dict(cell.looks_at).get(port, ()):
+            for source in dict(cell.looks_at).get(port, ()):
+                if what != "transfer":
                     arrays.setdefault(source, {})[what] = None
+                    continue
+                for _, finder, variable in plan.cells[source].found:
+                    arrays.setdefault(finder, {})[variable] = None
+        for other in direct[ref][1] if ref in direct else ():
+            for _, finder, variable in other.found:
+                arrays.setdefault(finder, {})[variable] = None
     jobs = {}
     for ref, cell in plan.cells.items():
         if ref not in included:
@@ -118,31 +143,58 @@ def make_jobs(
         give = tuple(node.writes) if ref in show else store if deliver_all else ()
         deliver = {**arrays.get(ref, {}), **dict.fromkeys(give)}
         looking = _looking(plan, nodes, cell)
-        serial = getattr(cell.stage, "sensor_serial", "")
-        inputs, previous, before = cell.inputs, cell.inputs[0][1] if len(node.segment) > 1 else None, None
+        serial = vars(cell.stage)["sensor_serial"] if "sensor_serial" in quantities_of(type(cell.stage)) else ""
+        awaited = cell.found if node.found else ()
+        inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
+        previous: CellRef | None = cell.inputs[0][1] if len(node.segment) > 1 else None
+        segment: dict[str, Any] = {}
         if ref in direct:
             (source, variable), before = direct[ref]
             inputs, previous = ((inputs[0][0], source, variable), *inputs[1:]), None
+            segment = {"joined": tuple(c.stage for c in before), "found_before": _found_of(before)}
         jobs[ref] = Job(
             ref=ref, task="compute" if ref in todo else "load", stage=cell.stage, writes=node.writes, grids=cell.grids,
             input_grids=cell.input_grids, inputs=inputs, previous=previous,
             left_out=cell.left_out is not None, seed=cell.seed,
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(deliver), spectrum=ref in spectra, target=target(cell), seconds=cell_seconds(node, cell, plan.precision),
-            give=give, by_band=_by_band(node, cell, plan.precision), joined=before, **looking,
+            give=give, by_band=_by_band(node, cell, plan.precision), found=awaited, open_words=cell.open_words,
+            seed_number=plan.pipeline.seed, mapped=cell.mapped, leading=_leading(nodes, cell), **segment, **looking,
         )  # fmt: skip
     return jobs
 
 
 def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
     """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
-    if cell.left_out is not None or not (has_method(type(cell.stage), "by_band") or node.segment):
+    if cell.left_out is not None or cell.mapped or not (has_method(type(cell.stage), "by_band") or node.segment):
         return ()
     return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
 
 
-def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[CellRef, str], tuple[Stage, ...]] | None:
-    """What a transfer cell reads that starts from the segment's input itself: the input, and the stages in force in front of it.
+def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
+    """Which of the dims that a cell is mapped over lead each variable that it depends on, as positions."""
+    if not cell.mapped:
+        return {}
+    dims = [dim for dim, _ in cell.mapped]
+    ports, found = reads_of(type(cell.stage)), {}
+    for port, ref, variable in cell.inputs:
+        whole = nodes[ref[0]].writes[variable].dims
+        lead = whole[: len(whole) - len(ports[port].dims)] if port in ports else whole
+        found[ref[0], variable] = tuple(dims.index(dim) for dim in lead)
+    for word in cell.open_words:
+        whole = nodes[word.ref[0]].writes[word.variable].dims
+        found[word.ref[0], word.variable] = tuple(dims.index(dim) for dim in whole if dim in dims)
+    return found
+
+
+def _found_of(cells: tuple[Cell, ...]) -> tuple[tuple[tuple[str, CellRef, str], ...], ...]:
+    """What each of some cells awaits; () where none does."""
+    every = tuple(cell.found for cell in cells)
+    return every if any(every) else ()
+
+
+def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[CellRef, str], tuple[Cell, ...]] | None:
+    """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in front of it.
 
     So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum over
     wavelength is expanded.
@@ -155,12 +207,12 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
     expanded = ends_in_sum(type(cell.stage)) and getattr(cell.stage, "wavelength_terms", 0) > 0
     if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
         return None
-    before: list[Stage] = []
+    before: list[Cell] = []
     at = cell
     for _ in range(len(node.segment) - 1):
         at = plan.cells[at.inputs[0][1]]
         if at.left_out is None:
-            before.append(at.stage)
+            before.append(at)
     return cell.segment_input, tuple(reversed(before))
 
 
@@ -183,6 +235,7 @@ def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Mapping[str, 
         if what == "transfer" and cells:
             found["whole"] = tuple(is_whole(plan.cells, c) for c in cells)
             found["transfers"] = tuple(c.stage for c in cells)
+            found["found_by"] = _found_of(tuple(cells))
             found["bands"] = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
             found["channel_weights"] = next((c.stage for c in cells if ends_in_sum(type(c.stage))), None)
             found["chains"] = tuple(tuple(chain) for chain in chains([c.node for c in cells], nodes))

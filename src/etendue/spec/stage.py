@@ -92,6 +92,7 @@ class Parameter:
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
+    along: str = ""  # mapped over this dim, a stage has the label of its slice in the place of the value
     held: tuple[float, float] | None = None  # ends beyond which its stages do not compute: the plan refuses, with the reason
     length: int | None = None
     one_for_all: bool = False  # a list that may be written as the one number in it
@@ -142,8 +143,6 @@ class Stage:
     the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end here.
     ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only).
     ``libraries`` names distributions whose version can change the result.
-    ``finds`` names camera quantities that the stage finds itself, with what to read and sweep instead (``<stage>`` is
-    replaced by its name): no other stage of a pipeline may take them, and they are no axes.
     ``radial``: the transfer function depends on the size of the frequency alone.
     ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
     may be multiplied as if it were not there.
@@ -160,7 +159,6 @@ class Stage:
     nan: ClassVar[str] = "error"
     negative: ClassVar[str] = "error"
     libraries: ClassVar[tuple[str, ...]] = ()
-    finds: ClassVar[Mapping[str, str]] = {}
     radial: ClassVar[bool] = False
     pointwise: ClassVar[bool] = False
     role: ClassVar[str] = ""
@@ -228,6 +226,12 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
 
 
 @per_kind
+def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
+    """The camera quantities that a stage takes: arguments that may be given, swept, or written by an earlier stage."""
+    return {name: parameter for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+
+
+@per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
     if not has_method(kind, "run"):
@@ -242,6 +246,13 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     if unknown:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)}, which it does not read")
     return tuple(names)
+
+
+@per_kind
+def optional_ports(kind: type[Stage]) -> frozenset[str]:
+    """Ports that nobody need write: their arguments of ``run`` have a default."""
+    given = inspect.signature(kind.run).parameters if has_method(kind, "run") else {}  # type: ignore[attr-defined]
+    return frozenset(name for name in kind.reads if name in given and given[name].default is not inspect.Parameter.empty)
 
 
 def check_class(kind: type[Stage]) -> None:

@@ -96,7 +96,8 @@ LONG_NAMES = {
     "dr_elgamal_stops": "dynamic range, dark noise as smallest signal",
     "dr_emva_stops": "dynamic range, SNR = 1 as smallest signal",
     "system_gain": "digital numbers per electron",
-    "exposure_time": "time of exposure",
+    "integration_time": "time of exposure",
+    "merged_variance": "variance of the merged value, as of a mosaic",
     "exposure_value": "log2 of squared f-number over time",
     "saturation_iso": "saturation-based ISO speed",
     "snr_18": "temporal signal-to-noise ratio of an 18 % grey card",
@@ -110,8 +111,8 @@ LONG_NAMES = {
 class Declaration:
     """What a port carries.
 
-    ``dims`` may start with ``...``: any leading dims, kept. ``dtype`` is ``float`` (the plan's precision) or an
-    unsigned integer type. ``nan`` allows undefined values.
+    ``dims`` are those a stage works on; over any others that lead what it is given, the engine maps it. ``dtype`` is ``float`` (the
+    plan's precision) or an unsigned integer type. ``nan`` allows undefined values.
     """
 
     variable: str
@@ -124,20 +125,14 @@ class Declaration:
         flags = "".join(f" {flag}" for flag in (self.dtype if self.dtype != "float" else "", "nan" if self.nan else "") if flag)
         return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
 
-    def accepts(self, dims: tuple[str, ...]) -> bool:
-        """Whether an array with these dims may be given to this port."""
-        if self.dims[:1] == ("...",):
-            tail = self.dims[1:]
-            return dims[len(dims) - len(tail) :] == tail
-        return dims == self.dims
+    def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
+        """The dims over which a stage is mapped that is given an array with these dims; None where it cannot take it."""
+        extra = dims[: len(dims) - len(self.dims)]
+        return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
 
-    def leading(self, dims: tuple[str, ...]) -> tuple[str, ...]:
-        """The dims that ``...`` stands for, where an array with these dims is given to this port."""
-        return dims[: len(dims) - len(self.dims) + 1] if self.dims[:1] == ("...",) else ()
-
-    def led_by(self, leading: tuple[str, ...]) -> Declaration:
-        """The same with ``...`` replaced."""
-        return replace(self, dims=(*leading, *self.dims[1:])) if self.dims[:1] == ("...",) else self
+    def led_by(self, mapped: tuple[str, ...]) -> Declaration:
+        """The same with the dims in front over which a stage is mapped, as far as it has none of them itself."""
+        return replace(self, dims=(*mapped, *self.dims)) if mapped and not set(mapped) & set(self.dims) else self
 
 
 def parse_declaration(port: str, text: str) -> Declaration:

@@ -31,7 +31,7 @@ from etendue.session import Options, execute
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
 from etendue.spec.stage import has_method, is_source, parameters_of, writes_of
-from etendue.stages.electronics.exposure import Exposing
+from etendue.stages.electronics.exposure import Exposure as Exposing
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.sensor.masks import mask_of
 from etendue.studies.axis import without_sweep

@@ -1,7 +1,7 @@
 """Exposure: photocurrent to charge, in the order in which it happens.
 
 In:  ``photocurrent`` (y, x), electron/s.
-Out: ``expected_charge`` and ``charge``, electron, (y, x) or (frame, y, x).
+Out: ``expected_charge`` and ``charge``, electron, (y, x).
 """
 
 from __future__ import annotations
@@ -12,53 +12,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, proved, quantity
+from etendue.api import Facts, Grid, Stage, ends, hookimpl, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
 from etendue.stages.electronics.gain_chain import full_well
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exposing(Stage):
-    """What photocurrent and dark current leave in the pixels after a time, with the patterns that belong to the sensor."""
-
-    error: ClassVar = proved(2e-7, 1e-15)
-
-    pixel_pitch: float = quantity("pixel_pitch")
-    dark_current_density: float = quantity("dark_current_density")
-    temperature: float = quantity("temperature")
-    dark_reference_temperature: float = quantity("dark_reference_temperature")
-    dark_doubling: float = quantity("dark_doubling")
-    sensor_serial: str = quantity("sensor_serial")
-    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
-    dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel")
-
-    def dark_charge(self, time: Any) -> Any:
-        """Mean dark charge after a time, electron."""
-        warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
-        return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
-
-    def after(self, time: Any, photocurrent: Any, rng_sensor: Any) -> Any:
-        """Expected charge after a time, electron; of several times (frame, 1, 1) one frame each."""
-        kind = photocurrent.dtype.type
-        signal = photocurrent * np.asarray(time, dtype=kind)
-        if self.prnu > 0:
-            signal *= self._spread(self.prnu, rng_sensor.normal("prnu"), kind)
-        dark = np.asarray(self.dark_charge(time), dtype=kind)
-        if self.dark_nonuniformity > 0 and np.any(dark > 0):
-            dark = dark * self._spread(self.dark_nonuniformity, rng_sensor.normal("dark current"), kind)
-        signal += dark
-        return signal
-
-    @staticmethod
-    def _spread(rms: float, pattern: Any, kind: Any) -> Any:
-        """A factor about 1 for each pixel, never negative."""
-        factor = pattern * kind(rms)
-        factor += 1
-        return np.maximum(factor, 0, out=factor)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Exposure(Exposing):
+class Exposure(Stage):
     """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
 
     role: ClassVar = "exposure"
@@ -68,55 +28,47 @@ class Exposure(Exposing):
     negative: ClassVar = "clip"  # the undershoot of band-limited light, once, in front of the Poisson draw
     nanoseconds: ClassVar = 3.0
     libraries: ClassVar = ("numpy",)
+    error: ClassVar = proved(2e-7, 1e-15)
 
     integration_time: float = quantity("integration_time")
+    pixel_pitch: float = quantity("pixel_pitch")
+    dark_current_density: float = quantity("dark_current_density")
+    temperature: float = quantity("temperature")
+    dark_reference_temperature: float = quantity("dark_reference_temperature")
+    dark_doubling: float = quantity("dark_doubling")
+    sensor_serial: str = quantity("sensor_serial")
+    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
+    dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel")
+
+    def dark_charge(self, time: float) -> Any:
+        """Mean dark charge after a time, electron."""
+        warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
+        return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
 
     def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
-        return {"expected_charge": self.after(self.integration_time, photocurrent, rng_sensor)}
+        kind = photocurrent.dtype.type
+        signal = photocurrent * kind(self.integration_time)
+        if self.prnu > 0:
+            signal *= self._spread(self.prnu, rng_sensor.normal("prnu"), kind)
+        dark = np.asarray(self.dark_charge(self.integration_time), dtype=kind)
+        if self.dark_nonuniformity > 0 and dark > 0:
+            dark = dark * self._spread(self.dark_nonuniformity, rng_sensor.normal("dark current"), kind)
+        signal += dark
+        return {"expected_charge": signal}
+
+    @staticmethod
+    def _spread(rms: float, pattern: Any, kind: Any) -> Any:
+        """A factor about 1 for each pixel, never negative."""
+        factor = pattern * kind(rms)
+        factor += 1
+        return np.maximum(factor, 0, out=factor)
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         high = facts["photocurrent"].high
         if high is None or self.prnu > 0 or self.dark_nonuniformity > 0:
             return Facts()
-        dark = float(self.dark_charge(self.integration_time))
-        return Facts(low=dark, high=high * self.integration_time + dark)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExposureSeries(Exposing):
-    """Repeated and bracketed exposures of one scene: a frame each, brackets in order, each of them ``repeats`` times.
-
-    Every frame behind it has its own shot and read noise; the patterns of the sensor are the same in all.
-    """
-
-    role: ClassVar = "bracketing"
-    reads: ClassVar = {"photocurrent": "y x [electron/s]"}
-    writes: ClassVar = {"expected_charge": "frame y x [electron]", "exposure_time": "frame [s]"}
-    gain: ClassVar = 1.0
-    negative: ClassVar = "clip"
-    nanoseconds: ClassVar = 3.0
-    libraries: ClassVar = ("numpy",)
-
-    integration_time: float = quantity("integration_time")
-    repeats: int = param(2, at_least=1, at_most=10_000, doc="frames of every bracket")
-    brackets: tuple[float, ...] = param(
-        (0.0,), units="stop", at_least=-40, at_most=40, doc="exposures beside the integration time, such as [-2, 0, 2]"
-    )
-
-    def __post_init__(self) -> None:
-        if not self.brackets:
-            raise ValueError("brackets = [] leaves no exposure; [0] is the integration time itself")
-
-    def times(self) -> Any:
-        return self.integration_time * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)
-
-    def grid(self, inputs: Any) -> dict[str, Grid]:
-        frames = Labels(tuple(range(len(self.brackets) * self.repeats)))
-        return {"expected_charge": inputs["photocurrent"].replace(frame=frames), "exposure_time": Grid.of({"frame": frames})}
-
-    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
-        times = self.times()
-        return {"expected_charge": self.after(times[:, None, None], photocurrent, rng_sensor), "exposure_time": times}
+        shortest, longest = ends(self.integration_time)
+        return Facts(low=float(self.dark_charge(shortest)), high=high * longest + float(self.dark_charge(longest)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +76,8 @@ class ShotNoise(Stage):
     """Photons arrive one by one: Poisson about the expected charge."""
 
     role: ClassVar = "shot noise"
-    reads: ClassVar = {"expected_charge": "... y x [electron]"}
-    writes: ClassVar = {"charge": "... y x [electron]"}
+    reads: ClassVar = {"expected_charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 60.0
 
@@ -165,8 +117,8 @@ class FullWell(Stage):
     """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
 
     role: ClassVar = "full well"
-    reads: ClassVar = {"charge": "... y x [electron]"}
-    writes: ClassVar = {"charge": "... y x [electron]"}
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
@@ -201,4 +153,4 @@ class FullWell(Stage):
 
 @hookimpl
 def etendue_stages() -> dict[str, type]:
-    return {"exposure": Exposure, "exposure_series": ExposureSeries, "shot_noise": ShotNoise, "full_well": FullWell}
+    return {"exposure": Exposure, "shot_noise": ShotNoise, "full_well": FullWell}

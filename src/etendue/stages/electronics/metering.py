@@ -1,7 +1,7 @@
-"""Automatic exposure: the time follows from the light.
+"""The time of an exposure: found from the light, or spread over frames.
 
-In:  ``photocurrent`` (y, x), electron/s.
-Out: ``expected_charge`` (y, x), electron, and ``exposure_time``, s.
+In:  ``photocurrent`` (y, x), electron/s; a time.
+Out: ``integration_time``, s, of one exposure or of each frame. Stages behind take it from here.
 """
 
 from __future__ import annotations
@@ -11,17 +11,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import hookimpl, measured, param, quantity
+from etendue.api import Facts, Grid, Labels, Stage, ends, hookimpl, measured, param, proved, quantity
 from etendue.physics.electronics import metering
-from etendue.stages.electronics.exposure import Exposing
 from etendue.stages.electronics.gain_chain import GainChain
 
 AVERAGE, HIGHLIGHT = 1 / 7.8, 0.9  # of saturation: ISO 12232's metered mean; room for noise above a highlight
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExposureMetered(GainChain, Exposing):
-    """Exposure for a time that is found from the noise-free photocurrent: ``exposure_time`` is an output, ``ev_bias`` moves it.
+class Meter(GainChain):
+    """The time that the noise-free photocurrent asks for; every stage behind takes it, and ``ev_bias`` moves it.
 
     ``mean`` and ``centre`` bring the average to 12.8 % of saturation, as ISO 12232 has it; ``highlight`` brings a quantile
     to 90 %; ``exposure_value`` does not look at the light: the time follows the f-number, N^2 / 2^EV. Saturation is
@@ -31,12 +30,10 @@ class ExposureMetered(GainChain, Exposing):
 
     role: ClassVar = "metering"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
-    writes: ClassVar = {"expected_charge": "y x [electron]", "exposure_time": "[s]"}
-    finds: ClassVar = {"integration_time": "its exposure_time is an output; <stage>.ev_bias moves it"}
+    writes: ClassVar = {"integration_time": "[s]"}
     gain: ClassVar = None  # a brighter highlight makes everything else darker
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 6.0
-    libraries: ClassVar = ("numpy",)
     error: ClassVar = measured(1e-6, 1e-14)
 
     f_number: float = quantity("f_number")
@@ -60,11 +57,51 @@ class ExposureMetered(GainChain, Exposing):
         level = metering.metered_level(photocurrent, self.metering, self.quantile)
         return metering.metered_time(level, share * self.saturation(), self.ev_bias, self.shortest, self.longest)
 
-    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
-        time = self.time(photocurrent)
-        return {"expected_charge": self.after(time, photocurrent, rng_sensor), "exposure_time": np.array(time)}
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """The ends between which it finds a time."""
+        if self.metering != "exposure_value":
+            return Facts(low=self.shortest, high=self.longest)
+        time = self.time(None)
+        return Facts(low=time, high=time)
+
+    def run(self, photocurrent: Any) -> dict[str, Any]:
+        return {"integration_time": np.array(self.time(photocurrent))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bracket(Stage):
+    """Repeated and bracketed exposures of one scene: a frame each, brackets in order, each of them ``repeats`` times.
+
+    Every frame behind it has its own shot and read noise; the patterns of the sensor are the same in all.
+    """
+
+    role: ClassVar = "bracketing"
+    writes: ClassVar = {"integration_time": "frame [s]"}
+    gain: ClassVar = 1.0
+    nanoseconds: ClassVar = 1.0
+    error: ClassVar = proved(6e-8, 2e-16)
+
+    integration_time: float = quantity("integration_time")
+    repeats: int = param(2, at_least=1, at_most=10_000, doc="frames of every bracket")
+    brackets: tuple[float, ...] = param(
+        (0.0,), units="stop", at_least=-40, at_most=40, doc="exposures beside the integration time, such as [-2, 0, 2]"
+    )
+
+    def __post_init__(self) -> None:
+        if not self.brackets:
+            raise ValueError("brackets = [] leaves no exposure; [0] is the integration time itself")
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"integration_time": Grid.of({"frame": Labels(tuple(range(len(self.brackets) * self.repeats)))})}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        low, high = ends(self.integration_time)
+        return Facts(low=low * 2.0 ** min(self.brackets), high=high * 2.0 ** max(self.brackets))
+
+    def run(self) -> dict[str, Any]:
+        return {"integration_time": self.integration_time * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)}
 
 
 @hookimpl
 def etendue_stages() -> dict[str, type]:
-    return {"exposure_metered": ExposureMetered}
+    return {"meter": Meter, "bracket": Bracket}

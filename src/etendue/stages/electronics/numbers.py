@@ -1,6 +1,6 @@
 """Figures of exposure and noise: dynamic range, how a frame is exposed, what a grey card gives.
 
-In:  camera quantities; ``raw`` and ``expected_charge``; the light of a white diffuser; ``exposure_time`` where it is metered.
+In:  camera quantities; ``raw`` and ``expected_charge``; the light of a white diffuser.
 Out: scalars, each at the axes that reach it.
 """
 
@@ -45,16 +45,24 @@ class NoiseFloor(GainChain):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RangeFigures(NoiseFloor):
-    """Dynamic range after a time."""
+class DynamicRange(NoiseFloor):
+    """Largest over smallest signal, two definitions under two names: dark noise as smallest (eqs. 12-13), or SNR = 1 (EMVA 1288).
+
+    At the analogue gain of the camera, which ``system_gain`` states in DN per electron.
+    """
 
     role: ClassVar = "figures"
+    writes: ClassVar = {
+        "dr_elgamal": "[dB] nan", "dr_emva": "[dB] nan", "dark_charge": "[electron]", "dr_elgamal_stops": "[stop] nan",
+        "dr_emva_stops": "[stop] nan", "system_gain": "[DN/electron]",
+    }  # fmt: skip
     error: ClassVar = measured(1e-7, 1e-14)
 
     dsnu: float = quantity("dsnu")
+    integration_time: float = quantity("integration_time")
 
-    def figures(self, time: float) -> dict[str, Any]:
-        gain, dark, largest = self.dn_per_electron(), self.dark_charge(time), self.saturation()
+    def run(self) -> dict[str, Any]:
+        gain, dark, largest = self.dn_per_electron(), self.dark_charge(self.integration_time), self.saturation()
         elgamal = dynamic_range.dynamic_range_elgamal(largest, dark, self.sigma(), self.dsnu)
         emva = dynamic_range.dynamic_range_emva(largest, dark, self.sigma(), gain)
         decibel_per_stop = 20 * np.log10(2)
@@ -62,38 +70,6 @@ class RangeFigures(NoiseFloor):
             "dr_elgamal": elgamal, "dr_emva": emva, "dark_charge": dark, "dr_elgamal_stops": elgamal / decibel_per_stop,
             "dr_emva_stops": emva / decibel_per_stop, "system_gain": np.array(gain),
         }  # fmt: skip
-
-
-RANGE = {
-    "dr_elgamal": "[dB] nan", "dr_emva": "[dB] nan", "dark_charge": "[electron]", "dr_elgamal_stops": "[stop] nan",
-    "dr_emva_stops": "[stop] nan", "system_gain": "[DN/electron]",
-}  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class DynamicRange(RangeFigures):
-    """Largest over smallest signal, two definitions under two names: dark noise as smallest (eqs. 12-13), or SNR = 1 (EMVA 1288).
-
-    At the analogue gain of the camera, which ``system_gain`` states in DN per electron.
-    """
-
-    writes: ClassVar = RANGE
-
-    integration_time: float = quantity("integration_time")
-
-    def run(self) -> dict[str, Any]:
-        return self.figures(self.integration_time)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DynamicRangeMetered(RangeFigures):
-    """``dynamic_range`` at the time that the metering has found."""
-
-    reads: ClassVar = {"exposure_time": "[s]"}
-    writes: ClassVar = RANGE
-
-    def run(self, exposure_time: Any) -> dict[str, Any]:
-        return self.figures(float(exposure_time))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +81,7 @@ class ExposureReport(GainChain):
     """
 
     role: ClassVar = "figures"
-    reads: ClassVar = {"raw": "... y x [DN] uint16", "expected_charge": "... y x [electron]"}
+    reads: ClassVar = {"raw": "y x [DN] uint16", "expected_charge": "y x [electron]"}
     writes: ClassVar = {"clipped_fraction": "[1]", "black_fraction": "[1]", "mean_snr": "[1]"}
     nanoseconds: ClassVar = 5.0
     error: ClassVar = measured(1e-6, 1e-14)
@@ -127,19 +103,34 @@ class ExposureReport(GainChain):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GreyCard(NoiseFloor, Collecting):
-    """Exposure value, ISO speed and the signal-to-noise ratio of a grey card, after a time."""
+class ExposureNumbers(NoiseFloor, Collecting):
+    """Exposure value, saturation-based ISO speed at the gain, and what a grey card under the scene's light gives on the axis.
 
+    ``exposure_value`` is log2(N^2 / t). ``saturation_iso`` is 78 over the exposure (lx s) at which the first channel
+    saturates (ISO 12232), by well or converter. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
+    the channel with most charge, raw: shot noise of light and dark current, read noise, quantisation. ``snr10_illuminance``
+    is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they are;
+    the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much larger
+    as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
+    """
+
+    role: ClassVar = "figures"
+    reads: ClassVar = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    writes: ClassVar = {"exposure_value": "[stop]", "saturation_iso": "[1]", "snr_18": "[dB] nan", "snr10_illuminance": "[lx] nan"}
+    nanoseconds: ClassVar = 1000.0
+    libraries: ClassVar = ("colour-science",)
     error: ClassVar = measured(1e-6, 1e-13)
 
     f_number: float = quantity("f_number")
+    integration_time: float = quantity("integration_time")
 
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(coordinates["wavelength_edges"])
         lumens = LUMINOUS_EFFICACY * spectra.luminous_efficiency(edges) * np.diff(edges)
         return electrons_per_irradiance(self, edges), lumens, edges
 
-    def figures(self, time: float, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        time = self.integration_time
         electrons, lumens, edges = prepared
         rates = electrons * white_irradiance
         rate = float((mixing_of(self, edges, rates) @ rates.sum(axis=1)).max())
@@ -162,50 +153,6 @@ class GreyCard(NoiseFloor, Collecting):
         }
 
 
-LIGHT = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
-FIGURES = {"exposure_value": "[stop]", "saturation_iso": "[1]", "snr_18": "[dB] nan", "snr10_illuminance": "[lx] nan"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExposureNumbers(GreyCard):
-    """Exposure value, saturation-based ISO speed at the gain, and what a grey card under the scene's light gives on the axis.
-
-    ``exposure_value`` is log2(N^2 / t). ``saturation_iso`` is 78 over the exposure (lx s) at which the first channel
-    saturates (ISO 12232), by well or converter. ``snr_18`` is the temporal signal-to-noise ratio of an 18 % grey card in
-    the channel with most charge, raw: shot noise of light and dark current, read noise, quantisation. ``snr10_illuminance``
-    is the illuminance of the scene (lx on the card) at which that ratio is 10, with f-number, time and light as they are;
-    the mobile industry's figure, which is taken behind a colour matrix at 1/15 s, f/2.8 and 3200 K, is that much larger
-    as the matrix amplifies noise. Both are undefined (NaN) where the card saturates before.
-    """
-
-    role: ClassVar = "figures"
-    reads: ClassVar = LIGHT
-    writes: ClassVar = FIGURES
-    nanoseconds: ClassVar = 1000.0
-    libraries: ClassVar = ("colour-science",)
-
-    integration_time: float = quantity("integration_time")
-
-    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
-        return self.figures(self.integration_time, white_radiance, white_irradiance, prepared)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExposureNumbersMetered(GreyCard):
-    """``exposure_numbers`` at the time that the metering has found."""
-
-    reads: ClassVar = {**LIGHT, "exposure_time": "[s]"}
-    writes: ClassVar = FIGURES
-    nanoseconds: ClassVar = 1000.0
-    libraries: ClassVar = ("colour-science",)
-
-    def run(self, white_radiance: Any, white_irradiance: Any, exposure_time: Any, prepared: Any) -> dict[str, Any]:
-        return self.figures(float(exposure_time), white_radiance, white_irradiance, prepared)
-
-
 @hookimpl
 def etendue_stages() -> dict[str, type]:
-    return {
-        "dynamic_range": DynamicRange, "dynamic_range_metered": DynamicRangeMetered, "exposure_report": ExposureReport,
-        "exposure_numbers": ExposureNumbers, "exposure_numbers_metered": ExposureNumbersMetered,
-    }  # fmt: skip
+    return {"dynamic_range": DynamicRange, "exposure_report": ExposureReport, "exposure_numbers": ExposureNumbers}

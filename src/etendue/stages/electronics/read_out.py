@@ -26,8 +26,8 @@ class ReadNoise(Amplifier):
     """
 
     role: ClassVar = "read noise"
-    reads: ClassVar = {"charge": "... y x [electron]"}
-    writes: ClassVar = {"charge": "... y x [electron]"}
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 15.0
     libraries: ClassVar = ("numpy",)
@@ -72,8 +72,8 @@ class LinePattern(Stage):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"
-    reads: ClassVar = {"charge": "... y x [electron]"}
-    writes: ClassVar = {"charge": "... y x [electron]"}
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
@@ -119,8 +119,8 @@ class Adc(GainChain):
     """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well is full."""
 
     role: ClassVar = "converter"
-    reads: ClassVar = {"charge": "... y x [electron]"}
-    writes: ClassVar = {"raw": "... y x [DN] uint16"}
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"raw": "y x [DN] uint16"}
     gain: ClassVar = None  # it clips, and rounds to whole codes
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
@@ -159,8 +159,8 @@ class Linearise(KnownNoise):
     """
 
     role: ClassVar = "linearisation"
-    reads: ClassVar = {"raw": "... y x [DN] uint16"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
+    reads: ClassVar = {"raw": "y x [DN] uint16"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     nanoseconds: ClassVar = 2.0
     error: ClassVar = proved(6e-8, 2e-16)

@@ -49,12 +49,12 @@ class CorrectDefects(DefectDetection):
 
     ``by = "map"`` is a camera with the list its maker measured, ``"detection"`` one without, ``"both"`` searches the picture after the
     list has been corrected. Whatever is used, the map says what was missed (hot pixels too weak to be seen count) and which sound
-    pixels were replaced. Counts are pixels, over all frames.
+    pixels were replaced. Counts are pixels.
     """
 
     role: ClassVar = "defect correction"
-    reads: ClassVar = {"mosaic_linear": "... y x [1]", "defect_map": "y x [1] uint8"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]", **FIGURES}
+    reads: ClassVar = {"mosaic_linear": "y x [1]", "defect_map": "y x [1] uint8"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     gain: ClassVar = None  # a decision has no slope
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
@@ -63,14 +63,11 @@ class CorrectDefects(DefectDetection):
 
     def run(self, mosaic_linear: Any, defect_map: Any, y: Any, x: Any) -> dict[str, Any]:
         known, first, mask = defect_map != 0, first_pixel(y, x), mask_of(self.pattern)
-        result, counts = np.empty_like(mosaic_linear), np.zeros(4)
-        for frame in np.ndindex(mosaic_linear.shape[:-2]):
-            own = mosaic_linear[frame]
-            chosen = np.zeros_like(known) if self.by == "detection" else known
-            if self.by != "map":
-                chosen = chosen | self.found(defect_correction.replaced(own, chosen, mask, *first)[0], first)
-            result[frame], left = defect_correction.replaced(own, chosen, mask, *first)
-            counts += (chosen.sum() - left, left, (known & ~chosen).sum(), (chosen & ~known).sum())
+        chosen = np.zeros_like(known) if self.by == "detection" else known
+        if self.by != "map":
+            chosen = chosen | self.found(defect_correction.replaced(mosaic_linear, chosen, mask, *first)[0], first)
+        result, left = defect_correction.replaced(mosaic_linear, chosen, mask, *first)
+        counts = np.array([chosen.sum() - left, left, (known & ~chosen).sum(), (chosen & ~known).sum()], float)
         return {"mosaic_linear": result, **dict(zip(FIGURES, map(np.array, counts), strict=True))}
 
 
@@ -83,18 +80,17 @@ class CorrectFoundDefects(DefectDetection):
     """
 
     role: ClassVar = "defect correction"
-    reads: ClassVar = {"mosaic_linear": "... y x [1]"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]", **FIGURES}
+    reads: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
     gain: ClassVar = None
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
-        first, result, counts = first_pixel(y, x), np.empty_like(mosaic_linear), np.zeros(2)
-        for frame in np.ndindex(mosaic_linear.shape[:-2]):
-            chosen = self.found(mosaic_linear[frame], first)
-            result[frame], left = defect_correction.replaced(mosaic_linear[frame], chosen, mask_of(self.pattern), *first)
-            counts += (chosen.sum() - left, left)
+        first = first_pixel(y, x)
+        chosen = self.found(mosaic_linear, first)
+        result, left = defect_correction.replaced(mosaic_linear, chosen, mask_of(self.pattern), *first)
+        counts = np.array([chosen.sum() - left, left], float)
         return {"mosaic_linear": result, **dict(zip(FIGURES, map(np.array, (*counts, np.nan, np.nan)), strict=True))}
 
 

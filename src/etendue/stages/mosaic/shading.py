@@ -46,8 +46,8 @@ class LensShading(Conjugates):
     """
 
     role: ClassVar = "shading correction"
-    reads: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]", "clipping_level": "[1]"}
+    reads: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar[float | None] = None  # of a table as large as it is
     negative: ClassVar = "keep"
     once: ClassVar = ("the correction of shading",)

@@ -25,29 +25,7 @@ CLIPPED, DARK_SIGMAS = 0.98, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class WhiteSignal(GainChain, Collecting):
-    """What a camera makes of a perfect white diffuser after a time, over the display value that it is to have."""
-
-    error: ClassVar = proved(2e-7, 1e-15)
-
-    render_exposure: float = quantity("render_exposure")
-
-    def grid(self, inputs: Any) -> dict[str, Grid]:
-        return {"white": Grid.of({"channel": Labels(self.channels)})}
-
-    def prepare(self, coordinates: Any) -> Any:
-        edges = tuple(coordinates["wavelength_edges"])
-        return electrons_per_irradiance(self, edges), edges
-
-    def after(self, time: float, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
-        rates = prepared[0] * white_irradiance
-        electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * time
-        diffuse = electrons * (self.dn_per_electron() / self.white())
-        return {"white": diffuse / self.render_exposure, "white_saturated": np.array(float(np.count_nonzero(diffuse > 1)))}
-
-
-@dataclass(frozen=True, kw_only=True)
-class White(WhiteSignal):
+class White(GainChain, Collecting):
     """The camera's linear signal of a perfect white diffuser on the axis, over ``render_exposure``: from the illuminant, noise-free.
 
     It may lie above 1, where no pixel can follow: ``white_saturated`` counts the channels in which the diffuser itself does.
@@ -58,25 +36,23 @@ class White(WhiteSignal):
     writes: ClassVar = {"white": "channel [1]", "white_saturated": "[1]"}
     nanoseconds: ClassVar = 100.0
     libraries: ClassVar = ("colour-science",)
+    error: ClassVar = proved(2e-7, 1e-15)
 
+    render_exposure: float = quantity("render_exposure")
     integration_time: float = quantity("integration_time")
 
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"white": Grid.of({"channel": Labels(self.channels)})}
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["wavelength_edges"])
+        return electrons_per_irradiance(self, edges), edges
+
     def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
-        return self.after(self.integration_time, white_irradiance, prepared)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WhiteMetered(WhiteSignal):
-    """``white`` after the time that the metering has found."""
-
-    role: ClassVar = "camera white"
-    reads: ClassVar = {"white_irradiance": "wavelength [W m-2 nm-1]", "exposure_time": "[s]"}
-    writes: ClassVar = {"white": "channel [1]", "white_saturated": "[1]"}
-    nanoseconds: ClassVar = 100.0
-    libraries: ClassVar = ("colour-science",)
-
-    def run(self, white_irradiance: Any, exposure_time: Any, prepared: Any) -> dict[str, Any]:
-        return self.after(float(exposure_time), white_irradiance, prepared)
+        rates = prepared[0] * white_irradiance
+        electrons = mixing_of(self, prepared[1], rates) @ rates.sum(axis=1) * self.integration_time
+        diffuse = electrons * (self.dn_per_electron() / self.white())
+        return {"white": diffuse / self.render_exposure, "white_saturated": np.array(float(np.count_nonzero(diffuse > 1)))}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,8 +144,8 @@ class BalanceMosaic(Stage):
     """
 
     role: ClassVar = "white balance"
-    reads: ClassVar = {"mosaic_linear": "... y x [1]", "white": "channel [1]", "clipping_level": "[1]"}
-    writes: ClassVar = {"mosaic_linear": "... y x [1]", "white": "channel [1]", "balance_gains": "channel [1]"}
+    reads: ClassVar = {"mosaic_linear": "y x [1]", "white": "channel [1]", "clipping_level": "[1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "white": "channel [1]", "balance_gains": "channel [1]"}
     gain: ClassVar = None  # as large as the white is coloured
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
@@ -233,6 +209,6 @@ def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
 @hookimpl
 def etendue_stages() -> dict[str, type]:
     return {
-        "white": White, "white_metered": WhiteMetered, "white_estimate": WhiteEstimate, "balance_mosaic": BalanceMosaic,
+        "white": White, "white_estimate": WhiteEstimate, "balance_mosaic": BalanceMosaic,
         "balance_planes": BalancePlanes,
     }  # fmt: skip

@@ -22,28 +22,19 @@ from etendue.stages.sensor.masks import mask_of
 class _Ideal(GainChain):
     """Electrons per second to the scale of ``mosaic_linear``."""
 
+    role: ClassVar = "reference"
+    negative: ClassVar = "clip"  # the undershoot of band-limited light, as in front of the Poisson draw
     error: ClassVar = proved(2e-7, 4e-16)
 
-    def scale(self, time: float) -> float:
+    integration_time: float = quantity("integration_time")
+
+    def scale(self) -> float:
         """Of photoelectrons per second: the time, the gain of the converter, over black to white."""
-        return time * self.dn_per_electron() / self.white()
+        return self.integration_time * self.dn_per_electron() / self.white()
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Planes(_Ideal):
-    crosstalk: str = quantity("crosstalk")
-
-    def planes(self, time: float, photon_rate: Any) -> dict[str, Any]:
-        return {"rgb_camera": photon_rate * photon_rate.dtype.type(self.scale(time))}
-
-    def warn_among(self, uses: frozenset[str]) -> list[str]:
-        if self.crosstalk != "through_filter" or "crosstalk" not in uses or "crosstalk_planes" in uses:
-            return []
-        return ["charge diffuses behind the filters, but not in these planes: put crosstalk_planes before them"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FullPlanes(_Planes):
+class FullPlanes(_Ideal):
     """Every channel at every pixel, noise-free and unclipped: what ``mosaic_linear`` would be without noise, converter and mosaic.
 
     Takes the place of a demosaicer. Without dark charge and the fixed patterns of the sensor (PRNU, DSNU).
@@ -52,64 +43,31 @@ class FullPlanes(_Planes):
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     gain: ClassVar = 1.0
-    negative: ClassVar = "clip"  # the undershoot of band-limited light, as in front of the Poisson draw
     nanoseconds: ClassVar = 3.0
 
-    integration_time: float = quantity("integration_time")
+    crosstalk: str = quantity("crosstalk")
 
     def run(self, photon_rate: Any) -> dict[str, Any]:
-        return self.planes(self.integration_time, photon_rate)
+        return {"rgb_camera": photon_rate * photon_rate.dtype.type(self.scale())}
+
+    def warn_among(self, uses: frozenset[str]) -> list[str]:
+        if self.crosstalk != "through_filter" or "crosstalk" not in uses or "crosstalk_planes" in uses:
+            return []
+        return ["charge diffuses behind the filters, but not in these planes: put crosstalk_planes before them"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class FullPlanesMetered(_Planes):
-    """``full_planes`` after the time that the metering has found."""
-
-    reads: ClassVar = {"photon_rate": "channel y x [electron/s]", "exposure_time": "[s]"}
-    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-    gain: ClassVar = None  # it grows with the error of the time too
-    negative: ClassVar = "clip"
-    nanoseconds: ClassVar = 3.0
-
-    def run(self, photon_rate: Any, exposure_time: Any) -> dict[str, Any]:
-        return self.planes(float(exposure_time), photon_rate)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Mosaic(_Ideal):
-    def mosaic(self, time: float, photocurrent: Any) -> dict[str, Any]:
-        kind = photocurrent.dtype.type
-        return {"mosaic_linear": np.minimum(photocurrent * kind(self.scale(time)), kind(1)), "clipping_level": np.array(1.0)}
-
-
-@dataclass(frozen=True, kw_only=True)
-class IdealMosaic(_Mosaic):
+class IdealMosaic(_Ideal):
     """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where pixels saturate."""
 
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
-    negative: ClassVar = "clip"
     nanoseconds: ClassVar = 2.0
-
-    integration_time: float = quantity("integration_time")
 
     def run(self, photocurrent: Any) -> dict[str, Any]:
-        return self.mosaic(self.integration_time, photocurrent)
-
-
-@dataclass(frozen=True, kw_only=True)
-class IdealMosaicMetered(_Mosaic):
-    """``ideal_mosaic`` after the time that the metering has found."""
-
-    reads: ClassVar = {"photocurrent": "y x [electron/s]", "exposure_time": "[s]"}
-    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
-    gain: ClassVar = None
-    negative: ClassVar = "clip"
-    nanoseconds: ClassVar = 2.0
-
-    def run(self, photocurrent: Any, exposure_time: Any) -> dict[str, Any]:
-        return self.mosaic(float(exposure_time), photocurrent)
+        kind = photocurrent.dtype.type
+        return {"mosaic_linear": np.minimum(photocurrent * kind(self.scale()), kind(1)), "clipping_level": np.array(1.0)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +102,5 @@ class CrosstalkPlanes(Crosstalk):
 @hookimpl
 def etendue_stages() -> dict[str, type]:
     return {
-        "full_planes": FullPlanes, "full_planes_metered": FullPlanesMetered, "crosstalk_planes": CrosstalkPlanes,
-        "ideal_mosaic": IdealMosaic, "ideal_mosaic_metered": IdealMosaicMetered,
+        "full_planes": FullPlanes, "crosstalk_planes": CrosstalkPlanes, "ideal_mosaic": IdealMosaic,
     }  # fmt: skip

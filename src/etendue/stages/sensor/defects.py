@@ -60,8 +60,8 @@ class StuckPixels(Stage):
     """Pixels that give one code, whatever the light, the time and the noise: each its own, or all the same."""
 
     role: ClassVar = "stuck pixels"
-    reads: ClassVar = {"raw": "... y x [DN] uint16"}
-    writes: ClassVar = {"raw": "... y x [DN] uint16", "stuck_map": "y x [1] uint8"}
+    reads: ClassVar = {"raw": "y x [DN] uint16"}
+    writes: ClassVar = {"raw": "y x [DN] uint16", "stuck_map": "y x [1] uint8"}
     gain: ClassVar = None
     nanoseconds: ClassVar = 5.0
     libraries: ClassVar = ("numpy",)

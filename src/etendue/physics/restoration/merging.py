@@ -1,0 +1,133 @@
+"""Several exposures of one scene to one picture: mean, clipped mean, and the best-weighted one of a bracket.
+
+In:  frames of linear values, times, the level at which each saturates, what is known of their noise.
+Out: the light per time, and the variance that is left in it.
+Sources: inverse-variance weights: Granados et al., "Optimal HDR reconstruction with linear digital cameras", CVPR 2010, section 3 (weights
+from the expected signal, not from the noisy value, which would favour what came out too dark). Clipped mean: Stetson, PASP 99 (1987).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter
+
+NEAR = 0.95  # of the level of saturation: from here on a value may be cut off
+
+
+def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
+    """Where no channel is cut off, at a pixel and around it, as demosaicing spreads what is.
+
+    Parameters
+    ----------
+    frames : (frame, channel, y, x) array, linear
+    level : (frame,), unit of frames
+        At which each frame saturates.
+    margin : int, pixels
+        At or above 0.
+
+    Returns
+    -------
+    (frame, y, x) array of bool
+    """
+    cut = (frames >= NEAR * np.asarray(level)[:, None, None, None].astype(frames.dtype)).any(axis=1)
+    return np.asarray(~maximum_filter(cut, size=(1, 2 * margin + 1, 2 * margin + 1)) if margin else ~cut)
+
+
+def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArray:
+    """Light per time: what the used frames hold together, over their times together; of the shortest where none is used.
+
+    Parameters
+    ----------
+    frames : (frame, channel, y, x) array, linear
+    times : (frame,), s, above 0
+    used : (frame, 1 or channel, y, x) array of bool
+
+    Returns
+    -------
+    (channel, y, x) array, unit of frames per second
+
+    Notes
+    -----
+    The best estimate where shot noise alone counts: photons over time.
+    """
+    t = np.asarray(times, frames.dtype)[:, None, None, None]
+    total = (t * used).sum(axis=0)
+    shortest = int(np.argmin(times))
+    held = np.where(total > 0, (frames * used).sum(axis=0), frames[shortest])
+    return np.asarray(held / np.where(total > 0, total, t[shortest]))
+
+
+def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLike) -> NDArray:
+    """Variance of each frame's light per time.
+
+    Parameters
+    ----------
+    rate : (channel, y, x) array, unit per second
+        Expected light per time.
+    times : (frame,), s
+    shot, floor : (channel,), unit and unit^2
+        Variance of a frame's value: ``shot`` times the value, plus ``floor``.
+
+    Returns
+    -------
+    (frame, channel, y, x) array, unit^2 per second^2
+    """
+    t = np.asarray(times, rate.dtype)[:, None, None, None]
+    a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in (shot, floor))
+    return np.asarray((a * np.maximum(rate, 0) * t + b) / t**2)
+
+
+def merged(
+    frames: NDArray, times: ArrayLike, level: ArrayLike, shot: ArrayLike, floor: ArrayLike, method: str, sigmas: float, margin: int
+) -> tuple[NDArray, NDArray]:
+    """One picture of several, in light per time, and its variance.
+
+    Parameters
+    ----------
+    frames : (frame, channel, y, x) array, linear
+    times : (frame,), s
+    level : (frame,), unit of frames
+    shot, floor : (channel,)
+        As in `variance_of`.
+    method : 'mean', 'sigma_clipped' or 'hdr'
+        All frames; those within ``sigmas`` of the median; those that are not cut off, by their known noise.
+    sigmas : float
+        Above 0.
+    margin : int, pixels
+        Around cut-off ones.
+
+    Returns
+    -------
+    rate : (channel, y, x) array, unit per second
+    variance : the same, unit^2 per second^2
+        Of the mosaic's noise as if each value were measured; demosaicing averages it further.
+
+    Raises
+    ------
+    ValueError
+        An unknown method.
+    """
+    t = np.asarray(times, frames.dtype)[:, None, None, None]
+    if method == "mean":
+        used: Any = np.ones((len(frames), 1, 1, 1), bool)
+    elif method == "sigma_clipped":
+        middle = np.median(frames / t, axis=0)
+        used = np.abs(frames / t - middle) <= sigmas * np.sqrt(variance_of(middle, times, shot, floor))
+    elif method == "hdr":
+        used = usable(frames, level, margin)[:, None]
+    else:
+        raise ValueError(f"method is {method!r}; allowed are mean, sigma_clipped, hdr")
+    rate = pooled(frames, times, used)
+    variance = variance_of(rate, times, shot, floor)
+    shortest = int(np.argmin(times))
+    if method != "hdr":
+        total = np.broadcast_to((t * used).sum(axis=0), rate.shape)
+        left = (variance * t**2 * used).sum(axis=0) / np.where(total > 0, total, 1) ** 2
+        return rate, np.where(total > 0, left, variance[shortest])
+    weight = np.where(used, 1 / np.maximum(variance, np.finfo(frames.dtype).tiny), 0)
+    whole = weight.sum(axis=0)
+    best = (weight * (frames / t)).sum(axis=0) / np.where(whole > 0, whole, 1)
+    return np.where(whole > 0, best, rate), np.where(whole > 0, 1 / np.where(whole > 0, whole, 1), variance[shortest])

@@ -1,0 +1,70 @@
+"""Quantities that earlier cells have found, put in the place of what stood for them while planning.
+
+In:  a ``Job`` and the results it reads.
+Out: the same job with every stage made again, and the words of its random numbers complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from etendue.plan.asking import made
+from etendue.plan.model import CellRef
+from etendue.plan.words import line, seed_of
+from etendue.run.jobs import Job
+from etendue.spec.stage import Stage, quantities_of
+
+Found = tuple[tuple[str, CellRef, str], ...]
+
+
+def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = ()) -> Job:
+    """The job with what was found; ``at``: the slice that is computed, of quantities that have a value for each."""
+    if not job.awaited:
+        return job
+    changed: dict[str, Any] = {}
+    if job.found:
+        changed["stage"] = _made_again(job.stage, job.found, results, job, at)
+    if job.found_by:
+        pairs = zip(job.transfers, job.found_by, strict=True)
+        changed["transfers"] = tuple(_made_again(stage, found, results, job, at) for stage, found in pairs)
+    if job.found_before and job.joined:
+        pairs = zip(job.joined, job.found_before, strict=True)
+        changed["joined"] = tuple(_made_again(stage, found, results, job, at) for stage, found in pairs)
+    if job.open_words:
+        lines = set(job.seed.decode().split("\n")) - {""}
+        for word in job.open_words:
+            value = _value(results, word.ref, word.variable, job, at)
+            if value != word.default:
+                lines.add(line(word.stage, word.name, value))
+        changed["seed"] = seed_of(job.seed_number, job.ref[0], lines)
+    return replace(job, found=(), found_by=(), found_before=(), open_words=(), **changed)
+
+
+def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Stage:
+    """A stage with the values that were found.
+
+    Raises
+    ------
+    ValueError
+        One is beyond the range of the quantity, or the stage refuses it.
+    """
+    if not found:
+        return stage
+    values = {field.name: getattr(stage, field.name) for field in fields(stage)}
+    allowed = quantities_of(type(stage))
+    for name, ref, variable in found:
+        value = values[name] = _value(results, ref, variable, job, at)
+        low, high = allowed[name].held or (value, value)
+        if not (allowed[name].allows(value) and low <= value <= high):
+            raise ValueError(f"{name} = {value:g}, which {ref[0]!r} has found, is out of range: {allowed[name].shown_range()}")
+    return made(type(stage), values)
+
+
+def _value(results: Mapping[CellRef, Any], ref: CellRef, variable: str, job: Job, at: tuple[int, ...]) -> Any:
+    """What a cell has found: a number, of a slice its own; where slices have ended behind it, all of them."""
+    array = results[ref].arrays[variable]
+    if at:
+        array = array[tuple(at[i] for i in job.leading[ref[0], variable])]
+    return float(array) if array.ndim == 0 else tuple(map(float, array.ravel()))

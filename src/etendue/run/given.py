@@ -1,0 +1,107 @@
+"""What a stage's ``run`` is given: arrays for reading, coordinates, what was prepared, random numbers.
+
+In:  a ``Job`` and the results it reads.
+Out: arguments by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import PluginError
+from etendue.physics.electronics.noise import philox
+from etendue.plan.model import CellRef
+from etendue.run.bands import Banded
+from etendue.run.jobs import Job
+from etendue.run.otf import transfers_of, weights_of
+from etendue.run.ownership import for_reading, frozen
+from etendue.run.segments import Result
+from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
+from etendue.spec.stage import arguments_of, has_method, optional_ports, word_of
+
+Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
+
+
+def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> dict[str, Any]:
+    """Everything that ``run`` asks for, in its order."""
+    arrays = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
+    given = {port: for_reading(not_negative(job, results, port, array, clipped)) for port, array in arrays.items()} | beside(job, results)
+    return {name: given[name] for name in arguments_of(type(job.stage)) if name in given}
+
+
+def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: CellRef, variable: str) -> Any:
+    """An array that is read: looked through for what its stage refuses."""
+    result, policy = results[ref], job.stage.negative
+    array = result.arrays[variable]
+    if isinstance(array, Banded):  # a stage that needs the whole of it
+        array = np.asarray(array)
+    if array.dtype.kind != "f" or not array.size:
+        return array
+    if job.stage.nan != "keep" and not np.isfinite(result.lowest.get(variable, 0.0)):
+        raise PluginError(
+            f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
+            "look for the stage that made them, or use one that declares nan = 'keep'"
+        )
+    if policy == "keep":
+        return array
+    if variable not in result.lowest:  # looked for once, and only where somebody minds
+        result.lowest[variable] = float(array.min())
+    if policy == "error" and result.lowest[variable] < 0:
+        raise PluginError(
+            f"{variable} from {ref[0]!r} holds negative values (smallest {result.lowest[variable]:.3g}), which "
+            f"{job.ref[0]!r} refuses; look for the stage that made them, or use one that keeps or clips them"
+        )
+    return array
+
+
+def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Any, clipped: Clipped) -> Any:
+    """An array of a port, or a slice of it, without negative values where the stage has them clipped."""
+    _, ref, variable = next(one for one in job.inputs if one[0] == port)
+    if job.stage.negative != "clip" or array.dtype.kind != "f" or not results[ref].lowest.get(variable, 0.0) < 0:
+        return array
+    below = array < 0
+    total = float(np.abs(array).sum(dtype=np.float64))
+    clipped.append((float(below.mean()), float(-array[below].sum(dtype=np.float64)) / total if total else 0.0))
+    return frozen(np.maximum(array, 0))
+
+
+def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
+    """What ``run`` asks for beside the arrays of its ports."""
+    given: dict[str, Any] = {}
+    for port, what, pairs in job.looks_at:
+        if what == "transfer":
+            given[port] = transfers_of(job)
+        elif word_of(job.stage, "with_grids", False):
+            seen = zip(pairs, job.looked_grids[port], strict=True)
+            given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
+        else:
+            given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
+    ports = {port for port, _, _ in job.inputs}
+    others = [name for name in arguments_of(type(job.stage)) if name not in given and name not in ports | optional_ports(type(job.stage))]
+    if "prepared" in others:
+        given["prepared"] = _prepared(job)
+    if "rng" in others:
+        given["rng"] = philox(job.seed)
+    if "rng_sensor" in others:
+        given["rng_sensor"] = SensorRandom(job.sensor_seed, next(iter(job.grids.values())), job.precision)
+    if any(name not in given for name in others):
+        key = ("coordinates", tuple(sorted(job.input_grids.items())), tuple(sorted(job.grids.items())))
+        found = TABLES.get(
+            key, lambda: {**coordinates_of(job.grids), **coordinates_of(job.input_grids), **coordinates_of(job.grids, "out_")}
+        )
+        for name in others:
+            if name not in given:
+                if name not in found:
+                    raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
+                given[name] = for_reading(found[name])
+    return given
+
+
+def _prepared(job: Job) -> Any:
+    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
+    if has_method(type(job.stage), "prepare") or not job.transfers:
+        return prepared_of(job.stage, job.input_grids, job.grids)
+    return None if job.channel_weights is None else weights_of(job.channel_weights, job.bands)
