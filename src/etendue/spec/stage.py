@@ -294,11 +294,6 @@ def is_random(kind: type[Stage]) -> bool:
     return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
 
 
-def resolved_parameters(stage: Stage) -> dict[str, Any]:
-    """Every parameter with its value, in declared order."""
-    return {field.name: getattr(stage, field.name) for field in dataclasses.fields(stage)}
-
-
 def files_of(stage: Stage) -> dict[str, str]:
     """Paths of the files that parameters name."""
     values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}

@@ -177,8 +177,8 @@ class Bench:
     def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
         grids = {}
         for port, declaration in self.reads.items():
-            dims = [dim for dim in declaration.dims if dim != "..."]
-            grids[port] = self.given_grids.get(port) or Grid.of({dim: self.coordinate(dim, declaration, frame) for dim in dims})
+            found = {dim: self.coordinate(dim, declaration, frame) for dim in declaration.dims}
+            grids[port] = self.given_grids.get(port) or Grid.of(found)
         return grids
 
     def job(self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False) -> Job:
@@ -208,7 +208,7 @@ class Bench:
     def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
         """One input, in double precision: ordinary values, six decades of them, or an extreme."""
         declaration, grid = self.reads[port], self.input_grids(frame)[port]
-        shape = grid.shape(tuple(dim for dim in declaration.dims if dim != "..."))
+        shape = grid.shape(declaration.dims)
         random = np.random.default_rng([1, *map(ord, port + what)])
         full = self.scale(port) * factor
         spread = random.uniform(0.1, 1.0, shape)
@@ -240,7 +240,7 @@ class Bench:
 
     @staticmethod
     def _seen_dims(declaration: Declaration) -> tuple[str, ...]:
-        return tuple(d for d in declaration.dims if d != "...") or ("wavelength", "y", "x")
+        return declaration.dims or ("wavelength", "y", "x")
 
     def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
@@ -307,8 +307,7 @@ def digests(arrays: Arrays) -> dict[str, str]:
 def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
     """Facts of an array: uniform and contrast over positions, at every wavelength and channel."""
     array = np.asarray(array, dtype=float)
-    names = [dim for dim in dims if dim != "..."]
-    places = tuple(i for i, dim in enumerate(names) if dim in ("y", "x"))
+    places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
     if not array.size:
         return Facts()
     low, high = array.min(axis=places), array.max(axis=places)

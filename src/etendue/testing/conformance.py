@@ -100,7 +100,7 @@ class StageConformance:
         hold(not seen or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may")
         hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
         if not has_method(kind, "grid") and not is_source(kind):
-            known = {dim for d in reads.values() for dim in d.dims} | set(getattr(kind, "creates", {})) | {"...", "stage"}
+            known = {dim for d in reads.values() for dim in d.dims} | set(getattr(kind, "creates", {})) | {"stage"}
             for declaration in writes.values():
                 for dim in declaration.dims:
                     hold(dim in known, lacking(kind, dim, declaration.variable))
