@@ -135,10 +135,6 @@ VARIANTS = {
     "denoise": [{"strength": 0.0}, {"strength": 5.0, "radius": 4}, {"read_noise": 0.0, "dsnu": 0.0, "full_well_density": 1e5}],
     "wiener": [{"nodes": 64}, {"exponent": 0.0, "noise_variance": 1e-12}, {"largest_gain": 1.0, "aliasing": "ignored"}],
     "richardson_lucy": [{"nodes": 64, "stop": 0.0}, {"iterations": 40, "stop": 0.0}, {"total_variation": 0.01, "start": "mean"}],
-    "restore_laplacian": [{"strength": 0.0}],
-    "restore_unsharp": [{"amount": 0.0}],
-    "restore_wiener": [{"noise_variance": 1.0}],
-    "restore_richardson_lucy": [{"stop": 0.0, "iterations": 1}],
     "exposure_numbers": [{"temperature": 400.0}, {"analogue_gain": 4.0}],
     "white": [
         {"crosstalk": "through_filter", "pattern": "X-Trans"},

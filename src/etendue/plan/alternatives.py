@@ -126,9 +126,9 @@ def _no_stage(request: Request, use: str) -> str:
 
 
 def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:
-    first = {str(d) for d in writes_of(made[0].kind).values()}
+    first = {str(d) for d in writes_of(made[0].kind).values() if not d.optional}
     for other in made[1:]:
-        own = {str(d) for d in writes_of(other.kind).values()}
+        own = {str(d) for d in writes_of(other.kind).values() if not d.optional}
         for one, has, another, lacks in ((other, own, made[0], first), (made[0], first, other, own)):
             if has - lacks:
                 request.fault(place, f"{one.use} writes {_some(has - lacks)}, which {another.use} does not; alternatives write the same")

@@ -183,7 +183,7 @@ class _Expansion:
             for port, what, names in node.looks_at
             if port in reads_of(one.kind) and looks(reads_of(one.kind)[port]) == what
         )
-        ports = reads_of(one.kind)
+        ports, writes = reads_of(one.kind), {**node.writes, **node.optional}
         whole_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
         input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole_grids.items() if p in ports}
         input_facts = {p: self.cells[ref].facts for p, ref, v in inputs if p in ports}
@@ -191,12 +191,12 @@ class _Expansion:
         try:
             if node.is_source:
                 facts, declared = self.describe(node, stage)
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in writes.items()}
             else:
                 declared = asking.grids_of(stage, input_grids)
                 if mapped:
                     declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(one.kind).values()}
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, whole_grids, grids)
             error_bound = self.error(node, stage, inputs, input_facts, input_grids)

@@ -60,7 +60,7 @@ def decide(
     stage: Stage, inputs: Any, facts: Mapping[str, Facts], grids_in: Mapping[str, Grid], grids: Mapping[str, Grid], share: float
 ) -> LeftOut | None:
     """Whether one cell is left out, and with which bound."""
-    writes = list(writes_of(type(stage)).values())
+    writes = [declaration for declaration in writes_of(type(stage)).values() if not declaration.optional]
     for declaration in writes:
         port = next((p for p, d in reads_of(type(stage)).items() if d.variable == declaration.variable), None)
         if port is None or port not in grids_in or grids_in[port] != grids[declaration.variable]:

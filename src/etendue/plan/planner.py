@@ -60,7 +60,7 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
     texts: dict[str, None] = {}
     places = {node.name: node.place for node in nodes}
-    uses = frozenset(one.use for node in nodes for one in node.alternatives)
+    uses = {one.use: one.kind for node in nodes for one in node.alternatives}
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
     for cell in cells.values():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -150,7 +151,10 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         result, arrays = transferred(job, results)
     elif job.left_out:
         sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
-        arrays = {name: sources[name] for name in job.writes}
+        arrays = {name: sources[name] for name, declared in job.writes.items() if not declared.optional}
+        if len(arrays) < len(job.writes):  # nothing of the picture changes, but something of it is asked for
+            found = _made(replace(job, left_out=False), results, clipped)[1]
+            arrays |= {name: array for name, array in found.items() if name not in arrays}
         return Result(lowest=_undefined(job, arrays)), arrays
     elif job.by_band:
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}

@@ -81,6 +81,8 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
             given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
     ports = {port for port, _, _ in job.inputs}
     others = [name for name in arguments_of(type(job.stage)) if name not in given and name not in ports | optional_ports(type(job.stage))]
+    if "asked" in others:
+        given["asked"] = frozenset(name for name, declared in job.writes.items() if declared.optional)
     if "prepared" in others:
         given["prepared"] = _prepared(job)
     if "rng" in others:

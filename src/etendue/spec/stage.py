@@ -12,7 +12,7 @@ engine looks for them by name and treats their absence as "not known":
     constants(self, prepared) -> {variable: array}       sources with by_band: what they write that has no place
     segment_error(self, before, grid, precision)         an end of a segment: its error behind the stages joined before it
     warn(self, facts, grids) -> [text]                   what a user should know about these values
-    warn_among(self, uses) -> [text]                     the same, about the other stages of the pipeline (their names)
+    warn_among(self, others) -> [text]                   the same, about the stages of the pipeline: classes by name of use
     assumes(self) -> {what: value}                       what it takes for granted of things that other stages take for granted too;
                                                          where a stage in front of it has another value, the plan notes it
     run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}
@@ -73,7 +73,7 @@ def _fields(kind: type[Stage]) -> frozenset[str]:
 COORDINATES = frozenset(
     f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
 ) | {"stage"}
-SPECIAL = frozenset({"prepared", "rng", "rng_sensor"})
+SPECIAL = frozenset({"asked", "prepared", "rng", "rng_sensor"})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -288,6 +288,12 @@ def is_transfer(kind: type[Stage]) -> bool:
 
 def ends_in_sum(kind: type[Stage]) -> bool:
     return has_method(kind, "weights")
+
+
+def moves_light(kind: type[Stage]) -> bool:
+    """Whether a stage changes the place of light in front of the sensor, and no transfer function says how."""
+    both = {d.variable for d in reads_of(kind).values()} & {d.variable for d in writes_of(kind).values()}
+    return "irradiance" in both and not is_transfer(kind) and not kind.pointwise
 
 
 def is_random(kind: type[Stage]) -> bool:

@@ -112,7 +112,8 @@ class Declaration:
     """What a port carries.
 
     ``dims`` are those a stage works on; over any others that lead what it is given, the engine maps it. ``dtype`` is ``float`` (the
-    plan's precision) or an unsigned integer type. ``nan`` allows undefined values.
+    plan's precision) or an unsigned integer type. ``nan`` allows undefined values. What is ``optional`` is computed where
+    it is asked for.
     """
 
     variable: str
@@ -120,9 +121,14 @@ class Declaration:
     unit: str
     dtype: str = "float"
     nan: bool = False
+    optional: bool = False
 
     def __str__(self) -> str:
-        flags = "".join(f" {flag}" for flag in (self.dtype if self.dtype != "float" else "", "nan" if self.nan else "") if flag)
+        flags = "".join(
+            f" {flag}"
+            for flag in (self.dtype if self.dtype != "float" else "", "nan" if self.nan else "", "optional" if self.optional else "")
+            if flag
+        )
         return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
 
     def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
@@ -143,12 +149,14 @@ def parse_declaration(port: str, text: str) -> Declaration:
     match = _FORM.match(text)
     if not match:
         raise ValueError(f"cannot read the declaration {port!r}: {text!r}; expected 'dims [unit]'")
-    dtype, nan = "float", False
+    dtype, nan, optional = "float", False, False
     for flag in match["flags"].split():
         if flag == "nan":
             nan = True
+        elif flag == "optional":
+            optional = True
         elif flag in DTYPES:
             dtype = flag
         else:
-            raise ValueError(f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, {', '.join(DTYPES)}")
-    return Declaration(match["name"] or port, tuple(match["dims"].split()), match["unit"].strip(), dtype, nan)
+            raise ValueError(f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, optional, {', '.join(DTYPES)}")
+    return Declaration(match["name"] or port, tuple(match["dims"].split()), match["unit"].strip(), dtype, nan, optional)

@@ -139,7 +139,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     role (``Stage.role``) and those that exist for references (``X_planes``) are none.
     """
     own = node.alternatives[0]
-    reads, writes = ({str(d) for d in found(own.kind).values()} for found in (reads_of, writes_of))
+    reads, writes = ({str(d) for d in found(own.kind).values() if not d.optional} for found in (reads_of, writes_of))
     chosen, broken = [own.use], []
     for name in registry.names():
         if name == own.use or name.endswith("_planes"):
@@ -152,7 +152,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
             broken.append(str(error))
             continue
         needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
-        fits = {str(d) for d in writes_of(kind).values()} == writes and needed <= reads and (needed or not reads)
+        fits = {str(d) for d in writes_of(kind).values() if not d.optional} == writes and needed <= reads and (needed or not reads)
         same = kind.role == own.kind.role or not (kind.role and own.kind.role)
         if fits and same and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
             chosen.append(name)
