@@ -81,7 +81,7 @@ def test_a_table_of_the_transfer_function_errs_less_than_it_says(kind, f_number,
 def test_a_large_frame_is_taken_in_parts_with_the_same_values(monkeypatch):
     transfers = light_of(4.0, 4.0)
     whole = Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"]
-    monkeypatch.setattr("etendue.stages.restoration.deconvolution.BLOCK", 3000)
+    monkeypatch.setattr("etendue.stages.restoration.figures.BLOCK", 3000)
     assert_array_equal(Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"], whole)
 
 
@@ -94,7 +94,7 @@ def test_where_nothing_blurs_there_is_nothing_to_undo():
     planes = picture()
     nothing = Wiener(aliasing="ignored", noise_variance=1e-300).run(planes, [])["rgb_camera"]
     assert_allclose(nothing, planes, rtol=0, atol=1e-14)
-    lucy = RichardsonLucy(stop=0.0, iterations=3).run(planes, [])
+    lucy = RichardsonLucy(stop=0.0, iterations=3).run(planes, [], ASKED)
     assert_allclose(lucy["rgb_camera"], planes, rtol=0, atol=1e-13)
     assert math.isnan(lucy["mtf50_gain"]) and lucy["noise_gain"] == pytest.approx(1.0, rel=1e-14)
 
@@ -149,7 +149,7 @@ def test_beyond_the_cut_off_of_the_lens_nothing_is_made_up():
         gain = stage.response(System.of(transfers, 3, pitch), fy, fx)
         assert np.all(np.isfinite(gain)) and np.abs(gain).max() <= stage.largest_gain * (1 + 1e-15)
         assert np.all(gain[:, np.hypot(fy[:, None], fx) > 0.13] == 0)
-    with_pictures = Wiener(pixel_pitch=pitch).run(picture(), transfers)
+    with_pictures = Wiener(pixel_pitch=pitch).run(picture(), transfers, ASKED)
     assert np.all(np.isfinite(with_pictures["rgb_camera"])) and with_pictures["mtf50_gain"] > 1
 
 
