@@ -25,8 +25,10 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec import camera
+from etendue.spec.capabilities import is_source
+from etendue.spec.parameter import Parameter
 from etendue.spec.pipeline import from_document
-from etendue.spec.stage import Parameter, is_source, parameters_of, reads_of, writes_of
+from etendue.spec.stage import parameters_of, reads_of, writes_of
 
 SMALLEST = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 BEHIND = {
@@ -73,12 +75,14 @@ def holding(use: str, extra: dict[str, Any]) -> dict[str, Any]:
         return replace("demosaic_colour_difference")
     if use in LENSES:
         return replace("diffraction")
-    if use == "exposure_series" or use == "white_estimate":
-        return replace({"exposure_series": "exposure", "white_estimate": "white"}[use])
-    if use.endswith("_metered"):
-        for old in ("exposure", "white", "dynamic_range"):
-            stages[uses.index(old)] = {"use": f"{old}_metered", "name": old, **(extra if use == f"{old}_metered" else {})}
-        document["stages"] = [stage for stage in stages if stage["use"] != "exposure_report"]
+    if use == "white_estimate":
+        return replace("white")
+    if use in ("meter", "bracket"):
+        stages.insert(uses.index("exposure"), {"use": use, **extra})
+        return document
+    if use == "merge_frames":
+        stages.insert(uses.index("exposure"), {"use": "bracket", "brackets": [0, -1]})
+        stages.insert([stage["use"] for stage in stages].index("demosaic_colour_difference") + 1, {"use": use, **extra})
         return document
     if use == "crosstalk":
         document["camera"]["crosstalk"] = "through_filter"

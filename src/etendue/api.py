@@ -3,13 +3,16 @@
 from etendue.errors import EtendueError, Fault, PluginError, RequestError
 from etendue.hookspecs import hookimpl
 from etendue.spec.camera import quantity
+from etendue.spec.capabilities import Banded, Bounded, Probe, Source, Summed, Transfer, Viewed, moves_light
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import ends
 from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
-from etendue.spec.stage import Probe, Stage, moves_light, param
+from etendue.spec.parameter import param
+from etendue.spec.stage import Stage
 from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
-    "RGB", "UNKNOWN", "XYZ", "Bands", "EtendueError", "Facts", "Fault", "Grid", "Labels", "Line", "PluginError",
-    "Probe", "RequestError", "Stage", "ends", "fitted", "hookimpl", "measured", "moves_light", "param", "proved", "quantity",
+    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "EtendueError", "Facts", "Fault", "Grid", "Labels", "Line",
+    "PluginError", "Probe", "RequestError", "Source", "Stage", "Summed", "Transfer", "Viewed", "ends", "fitted", "hookimpl",
+    "measured", "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip

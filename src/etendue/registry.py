@@ -16,7 +16,8 @@ import pluggy
 from etendue import hookspecs
 from etendue.errors import PluginError
 from etendue.interrupts import is_ours
-from etendue.spec.stage import Stage, arguments_of, check_class, parameters_of, reads_of, writes_of
+from etendue.spec.capabilities import check_class
+from etendue.spec.stage import Stage, arguments_of, parameters_of, reads_of, writes_of
 from etendue.telling import here, plain, said
 
 

@@ -5,7 +5,9 @@ import pytest
 
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.registry import installed_stages
-from etendue.spec.stage import MISSING, is_source, parameters_of
+from etendue.spec.capabilities import is_source
+from etendue.spec.parameter import MISSING
+from etendue.spec.stage import parameters_of
 from etendue.testing import StageConformance
 
 LIGHT = {"white_luminance": 1000.0, "width": 21.0, "height": 17.0, "bin_width": 20.0}
@@ -105,7 +107,7 @@ VARIANTS = {
     "mosaic": [{"pattern": "GBRG"}, {"pattern": "quad-BGGR"}, {"pattern": "X-Trans"}, {"pattern": "RGB/BRG/GBR"}],
     "exposure": [{"prnu": 0.0, "dark_nonuniformity": 0.0}, {"dark_current_density": 0.0}, {"integration_time": 1e-6}],
     "bracket": [{"repeats": 1, "brackets": (-2.0, 0.0, 3.0)}],
-    "merge_frames": [{"method": "mean"}, {"method": "sigma_clipped"}, {"margin": 0}],
+    "merge_frames": [{"method": "mean"}, {"method": "sigma_clipped"}, {"around": 0}],
     "meter": [{"metering": "highlight", "ev_bias": -1.0}, {"metering": "centre"}, {"metering": "exposure_value"}],
     "defects": [{"hot": 0.0, "dead": 0.0}, {"hot": 0.5, "dead": 0.4}],
     "stuck_pixels": [{"stuck": 0.0}, {"stuck": 0.5, "level": 1.0}],

@@ -8,19 +8,19 @@ from typing import Any, ClassVar
 
 import pytest
 
-from etendue.api import Bands, Facts, Grid, Line, Stage, param
+from etendue.api import Bands, Bounded, Facts, Grid, Line, Source, Stage, param
 from etendue.errors import PluginError, RequestError
 from etendue.plan.planner import make_plan
 from etendue.registry import Installed, Registry
+from etendue.spec.capabilities import check_class
 from etendue.spec.pipeline import parse_pipeline
-from etendue.spec.stage import check_class
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
 GRID = Grid.of({"wavelength": Bands((400.0, 700.0)), "y": Line(8), "x": Line(9)})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lamp(Stage):
+class Lamp(Source):
     writes: ClassVar = {"irradiance": LIGHT}
 
     def describe(self) -> Any:
@@ -31,13 +31,16 @@ class Lamp(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Filter(Stage):
+class Filter(Bounded):
     reads: ClassVar = {"irradiance": LIGHT}
     writes: ClassVar = {"irradiance": LIGHT}
     strength: float = param(1.0)
 
     def run(self, irradiance: Any, rng: Any) -> Any:
         return {}
+
+    def negligible(self, facts: Any, grid: Any) -> Any:
+        return None
 
 
 class Given(Registry):

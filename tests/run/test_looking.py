@@ -152,8 +152,8 @@ def test_a_probe_of_two_variables_has_all_their_stages_in_order_and_their_grids(
 
 
 def test_alternatives_may_differ_in_what_they_look_at():
-    """`sharpen` reads the picture alone, `restore` the transfer functions too; each is keyed by what it reads."""
-    sweep = {"sweep.sharpen.use": ["sharpen", "restore"]}
+    """`denoise` reads the picture alone, `restore` the transfer functions too; each is keyed by what it reads."""
+    sweep = {"sweep.sharpen.use": ["denoise", "restore"]}
     plan, other = plan_of(sweep, tail=""), plan_of({**sweep, "diffusion.nodes": 2048}, tail="")
     looked = [dict(cell.looks_at) for cell in plan.of("sharpen")]
     assert looked[0] == {}

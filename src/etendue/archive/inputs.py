@@ -23,8 +23,9 @@ from etendue.plan.model import Plan
 from etendue.plan.parameters import resolve_file
 from etendue.registry import installed_stages
 from etendue.spec import toml
+from etendue.spec.parameter import Parameter
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Parameter, file_state, parameters_of
+from etendue.spec.stage import file_state, parameters_of
 
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 

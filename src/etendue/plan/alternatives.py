@@ -15,8 +15,10 @@ from etendue.plan.model import Alternative, Axis
 from etendue.plan.parameters import Unfit, expected, resolve
 from etendue.plan.request import Request
 from etendue.spec import camera as standard_camera
+from etendue.spec.capabilities import is_transfer
+from etendue.spec.parameter import MISSING, Parameter
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import MISSING, Parameter, Stage, is_transfer, parameters_of, writes_of
+from etendue.spec.stage import Stage, parameters_of, writes_of
 from etendue.spec.units import as_written
 
 Entries = Mapping[str, tuple[Alternative, ...]]  # by the name of the stage

@@ -14,8 +14,9 @@ from etendue.plan.alternatives import Entries
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
 from etendue.registry import Registry
+from etendue.spec.capabilities import Probe, ends_in_sum, is_transfer
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import Probe, ends_in_sum, is_transfer, looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.spec.stage import looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)

@@ -10,10 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.spec.capabilities import Probe, ends_in_sum, is_random, is_source, is_transfer
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Probe, Stage, ends_in_sum, is_random, is_source, is_transfer, quantities_of
+from etendue.spec.stage import Stage, quantities_of
 from etendue.spec.variables import Declaration
 
 CellRef = tuple[str, tuple[int, ...]]

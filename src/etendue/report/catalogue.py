@@ -17,7 +17,8 @@ from etendue.errors import PluginError
 from etendue.registry import Registry
 from etendue.report.terminal import _out, _table, escape
 from etendue.spec import camera
-from etendue.spec.stage import MISSING, Parameter, parameters_of, reads_of, writes_of
+from etendue.spec.parameter import MISSING, Parameter
+from etendue.spec.stage import parameters_of, reads_of, writes_of
 
 GROUPS: tuple[tuple[str, frozenset[str]], ...] = (
     ("light and lens", frozenset({"radiance", "irradiance"})),

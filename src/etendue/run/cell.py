@@ -23,8 +23,8 @@ from etendue.run.jobs import Job
 from etendue.run.mapped import one_by_one
 from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
+from etendue.spec.capabilities import is_transfer
 from etendue.spec.ports import COUNTED, CellReport
-from etendue.spec.stage import is_transfer
 from etendue.telling import plain, told
 
 
@@ -162,7 +162,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     else:
         given = arguments(job, results, clipped)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
-            result, arrays = Result(), job.stage.run(**given)  # type: ignore[attr-defined]
+            result, arrays = Result(), job.stage.run(**given)
     if not is_transfer(type(job.stage)) or arrays:
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied

@@ -13,9 +13,10 @@ from typing import Any
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
 from etendue.plan.words import Open
+from etendue.spec.capabilities import Banded, Summed, ends_in_sum
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage, ends_in_sum, has_method, quantities_of, reads_of
+from etendue.spec.stage import Stage, quantities_of, reads_of
 from etendue.spec.variables import Declaration
 
 
@@ -166,7 +167,7 @@ def make_jobs(
 
 def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
     """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
-    if cell.left_out is not None or cell.mapped or not (has_method(type(cell.stage), "by_band") or node.segment):
+    if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
         return ()
     return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
 
@@ -204,7 +205,7 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
         return None
     source, variable = cell.segment_input
     grid = plan.cells[source].grids[variable]
-    expanded = ends_in_sum(type(cell.stage)) and getattr(cell.stage, "wavelength_terms", 0) > 0
+    expanded = isinstance(cell.stage, Summed) and cell.stage.terms() > 0
     if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
         return None
     before: list[Cell] = []

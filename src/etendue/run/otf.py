@@ -16,8 +16,9 @@ import numpy as np
 from etendue.run.jobs import Job
 from etendue.run.segments import transfer_of
 from etendue.run.tables import TABLES, asked_weights, prepared_of
+from etendue.spec.capabilities import ends_in_sum
 from etendue.spec.grid import Bands, Grid
-from etendue.spec.stage import Stage, ends_in_sum, state_of
+from etendue.spec.stage import Stage, state_of
 
 REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
 BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken

@@ -19,8 +19,9 @@ from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
 from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
+from etendue.spec.capabilities import Summed, ends_in_sum
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, ends_in_sum
+from etendue.spec.stage import Stage
 
 TOGETHER = 4  # bands projected in one product
 
@@ -137,7 +138,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
     weights = asked_weights(job.stage, prepared).astype(float)
     joined = JoinedTransfer(job.joined, grid, job.precision)
-    terms = int(getattr(job.stage, "wavelength_terms", 0))
+    terms = job.stage.terms() if isinstance(job.stage, Summed) else 0
     channels = _expanded(job, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
@@ -173,7 +174,7 @@ def _expanded(job: Job, light: Any, joined: JoinedTransfer, weights: Any, terms:
     """Few planes, each a sum over wavelength taken before its transform; every channel is a mixture of them."""
     highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
     frequency = np.linspace(0.0, highest, expansion.FITTED)
-    passed = job.stage.passed(frequency)  # type: ignore[attr-defined]
+    passed = job.stage.passed(frequency)
     basis = expansion.wavelength_basis(weights, terms, joined.along(frequency), passed)
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []

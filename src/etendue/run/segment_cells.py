@@ -21,8 +21,9 @@ from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
 from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
+from etendue.spec.capabilities import ends_in_sum
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, ends_in_sum, state_of
+from etendue.spec.stage import Stage, state_of
 
 ROUNDING = 64  # units in the last place of the brightest cell: what transforms leave where there is no light
 

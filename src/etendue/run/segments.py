@@ -20,8 +20,9 @@ from etendue.run.ownership import frozen
 from etendue.run.segment_bands import from_bands
 from etendue.run.segment_cells import from_cells
 from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
+from etendue.spec.capabilities import ends_in_sum
 from etendue.spec.grid import Bands
-from etendue.spec.stage import Stage, ends_in_sum, state_of
+from etendue.spec.stage import Stage, state_of
 
 
 @dataclass

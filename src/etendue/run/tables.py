@@ -16,7 +16,7 @@ import numpy as np
 from etendue.errors import PluginError
 from etendue.physics.electronics.noise import sensor_normal, sensor_uniform
 from etendue.spec.grid import Bands, Grid, Line
-from etendue.spec.stage import Stage, has_method, state_of
+from etendue.spec.stage import Stage, state_of
 from etendue.telling import foreign
 
 LARGEST_CACHE = 256 << 20
@@ -135,7 +135,7 @@ class SensorRandom:
 
 def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> Any:
     """``stage.prepare``, once per (parameters, coordinates) and process."""
-    if not has_method(type(stage), "prepare"):
+    if type(stage).prepare is Stage.prepare:
         return None
     own: Any = stage
     key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))

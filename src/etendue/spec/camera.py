@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from etendue.spec.stage import MISSING, Parameter, param
+from etendue.spec.parameter import MISSING, Parameter, param
 
 _Q: dict[str, tuple[Any, dict[str, Any]]] = {
     "f_number": (2.8, dict(at_least=0.5, at_most=1e6, doc="geometric f-number, focal length over entrance pupil")),

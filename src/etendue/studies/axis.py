@@ -16,8 +16,9 @@ from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.plan.model import Node
 from etendue.registry import Registry
 from etendue.spec import camera
+from etendue.spec.capabilities import Probe, is_transfer
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Probe, is_transfer, reads_of, writes_of
+from etendue.spec.stage import reads_of, writes_of
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,9 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError, nearest
 from etendue.registry import Registry
+from etendue.spec.capabilities import ends_in_sum, is_transfer
 from etendue.spec.pipeline import Pipeline, StageEntry
-from etendue.spec.stage import Stage, ends_in_sum, is_transfer, parameters_of, reads_of, writes_of
+from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
 
 LIGHT = frozenset({"falloff", "vignetting", "angular_response", "optical_filter", "real_lens_illumination"})
 """Stages that change how much light arrives, not where: they stay."""

@@ -28,9 +28,10 @@ from etendue.run.cell import compute
 from etendue.run.jobs import Job, make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, execute
+from etendue.spec.capabilities import is_source
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
-from etendue.spec.stage import has_method, is_source, parameters_of, writes_of
+from etendue.spec.stage import parameters_of, writes_of
 from etendue.stages.electronics.exposure import Exposure as Exposing
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.sensor.masks import mask_of
@@ -257,7 +258,7 @@ class _Measurement:
             return {}
         names = {type(s).__name__ for s in stages}
         dark = float(exposing.dark_charge(time))
-        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if has_method(type(s), "sigma") and hasattr(s, "dsnu"))  # type: ignore[attr-defined]
+        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))  # type: ignore[attr-defined]
         lines = sum(getattr(s, k, 0.0) ** 2 for s in stages for k in ("row_pattern", "column_pattern", "row_noise", "column_noise"))
         remark = "noise of whole rows and columns is counted as if each pixel had its own"
         if lines and remark not in self.notes:

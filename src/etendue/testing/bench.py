@@ -22,18 +22,11 @@ from etendue.run.cell import compute, smallest
 from etendue.run.jobs import Job
 from etendue.run.segments import Result
 from etendue.spec import camera
+from etendue.spec.capabilities import Summed, Transfer, is_random, is_source
 from etendue.spec.facts import Facts
 from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.spec.ports import CellReport
-from etendue.spec.stage import (
-    Stage,
-    has_method,
-    is_random,
-    is_source,
-    looks,
-    reads_of,
-    writes_of,
-)
+from etendue.spec.stage import Stage, looks, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 Frame = tuple[int, int]
@@ -98,14 +91,14 @@ class Trial:
         return self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
 
 
-class _Blur(Stage):
+class _Blur(Transfer):
     """What probes look at: a Gaussian transfer function."""
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(wavelength)
 
 
-class _Sum(Stage):
+class _Sum(Summed):
     """The same, ending in a sum over wavelength."""
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
@@ -189,7 +182,7 @@ class Bench:
         if is_source(self.kind):
             declared = self.stage.describe()[1]  # type: ignore[attr-defined]
         else:
-            declared = self.stage.grid(inputs) if has_method(self.kind, "grid") else {}  # type: ignore[attr-defined]
+            declared = self.stage.grid(inputs)
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         return Job(
@@ -294,7 +287,7 @@ class Bench:
 
     def own_error(self, inputs: Arrays, precision: str, frame: Frame = FRAME) -> float | None:
         """The bound the stage states for itself."""
-        if not has_method(self.kind, "error"):
+        if self.kind.error is Stage.error:
             return None
         facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
         return self.stage.error(facts, self.input_grids(frame), precision)[0]  # type: ignore[attr-defined]

@@ -10,7 +10,7 @@ import numpy as np
 
 from etendue.run.segments import transfer_of
 from etendue.run.tables import prepared_of
-from etendue.spec.stage import ends_in_sum
+from etendue.spec.capabilities import ends_in_sum
 from etendue.testing.bench import EDGES, Bench
 from etendue.testing.checks import hold
 

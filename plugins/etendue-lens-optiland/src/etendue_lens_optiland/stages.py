@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, hookimpl, param, quantity
 from etendue.physics.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
@@ -80,7 +80,7 @@ class Moved(RealLens):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Blur(Moved):
+class Blur(Moved, Banded, Bounded):
     """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
 
     once: ClassVar = ("diffraction",)
@@ -178,7 +178,7 @@ class Blur(Moved):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distortion(Moved):
+class Distortion(Moved, Banded, Bounded):
     """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
 
     once: ClassVar = ("distortion",)
@@ -238,7 +238,7 @@ class Distortion(Moved):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Illumination(Moved):
+class Illumination(Moved, Banded):
     """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
 
     once: ClassVar = ("fall-off",)

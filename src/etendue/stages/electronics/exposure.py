@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, ends, hookimpl, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Stage, ends, hookimpl, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
 from etendue.stages.electronics.gain_chain import full_well
 
@@ -113,7 +113,7 @@ class ShotNoise(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FullWell(Stage):
+class FullWell(Bounded):
     """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
 
     role: ClassVar = "full well"

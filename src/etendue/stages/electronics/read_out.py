@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, hookimpl, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier):
+class ReadNoise(Amplifier, Bounded):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
@@ -68,7 +68,7 @@ class ReadNoise(Amplifier):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinePattern(Stage):
+class LinePattern(Bounded):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"

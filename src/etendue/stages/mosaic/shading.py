@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, hookimpl, param, quantity
 from etendue.physics.field import illumination
 from etendue.physics.mosaic import shading
 from etendue.physics.sensor import cfa
@@ -35,7 +35,7 @@ def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensShading(Conjugates):
+class LensShading(Conjugates, Bounded):
     """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a calibrated table.
 
     ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of ``vignetting``

@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Facts, Grid, Stage, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, hookimpl, param
 from etendue.physics.optics import filters
 
 
 @dataclass(frozen=True, kw_only=True)
-class Birefringent(Stage):
+class Birefringent(Transfer, Bounded):
     """An optical low-pass filter: light split into four equal spots, or two where one separation is 0."""
 
     role: ClassVar = "low-pass filter"

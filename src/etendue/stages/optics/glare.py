@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, hookimpl, param
 from etendue.physics.optics import glare
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glare(Stage):
+class Glare(Transfer, Bounded):
     """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded frame."""
 
     role: ClassVar = "glare"

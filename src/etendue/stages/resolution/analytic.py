@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from etendue.api import Labels, Probe, hookimpl, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
-from etendue.spec.stage import ends_in_sum
+from etendue.spec.capabilities import ends_in_sum
 from etendue.stages.sensor.pixel import Diffusion
 
 POINT_NODES = 160  # of the integral behind the picture of a point: 80 times its smallest detail is far enough

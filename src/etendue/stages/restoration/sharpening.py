@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, Stage, hookimpl, param, quantity
 from etendue.physics.restoration import denoise, sharpening
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.restoration.figures import FIGURES, LOOKS, System, figures
@@ -32,7 +32,7 @@ class Laplacian(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sharpen(Laplacian):
+class Sharpen(Laplacian, Bounded):
     """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green, ``noise_gain`` of white noise."""
 
     reads: ClassVar = LOOKS
@@ -53,7 +53,7 @@ class Sharpen(Laplacian):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SharpenMosaic(Laplacian):
+class SharpenMosaic(Laplacian, Bounded):
     """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen behind).
 
     ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart: it
@@ -79,7 +79,7 @@ class SharpenMosaic(Laplacian):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unsharp(Stage):
+class Unsharp(Bounded):
     """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those above the threshold."""
 
     role: ClassVar = "sharpening"
@@ -110,7 +110,7 @@ class Unsharp(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Denoise(KnownNoise):
+class Denoise(KnownNoise, Bounded):
     """Denoising that keeps edges, by the camera's own noise: what varies no more than the noise becomes its local mean.
 
     The noise is that of the mosaic; demosaicing has evened out some of it, so that the default strength errs on the strong

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, quantity
+from etendue.api import Banded, Bands, Facts, Grid, Line, Source, hookimpl, param, quantity
 from etendue.physics.colour.encoding import srgb_decode
 from etendue.physics.scene import charts, composite, resampling
 from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
@@ -25,7 +25,7 @@ DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Stage):
+class Scene(Source, Banded):
     """What all scenes share: level, light, grid."""
 
     role: ClassVar = "scene"

@@ -13,14 +13,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, proved, quantity
+from etendue.api import Banded, Bands, Facts, Grid, Line, Source, hookimpl, param, proved, quantity
 from etendue.stages.scene import cube_store
 
 SPECTRAL = "W m-2 sr-1 nm-1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RadianceCube(Stage):
+class RadianceCube(Source, Banded):
     """Spectral radiance from a Zarr store: its own wavelengths and positions, at its own level or at a stated one.
 
     Coordinates ``wavelength`` (nm; bins by ``wavelength_bounds``, else midway between the centres) and ``y``, ``x`` (um on

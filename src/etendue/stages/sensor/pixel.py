@@ -12,11 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Transfer, hookimpl, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
-from etendue.spec.stage import has_method
 from etendue.stages.sensor.sensitivity import (
     FLAT,
     Collecting,
@@ -29,7 +28,7 @@ from etendue.stages.sensor.sensitivity import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffusion(Stage):
+class Diffusion(Transfer, Bounded):
     """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
 
     role: ClassVar = "diffusion"
@@ -73,7 +72,7 @@ class Diffusion(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pixel(Collecting):
+class Pixel(Collecting, Summed):
     """Light on each pixel's photodiode, summed over wavelength, at the pixel centres.
 
     What lies beyond the pixel's Nyquist frequency folds back: aliasing is part of the answer. The number of pixels
@@ -239,7 +238,7 @@ def joined_transfer(stages: tuple[Any, ...], frequency: Any, edges: tuple[float,
     product = np.ones((wavelength.size, 1, frequency.size))
     for stage in stages:
         given = [np.zeros((1, 1)), frequency[None, :], wavelength]
-        if has_method(type(stage), "prepare"):
+        if type(stage).prepare is not Stage.prepare:
             given.append(stage.prepare({"wavelength_edges": np.array(edges), "wavelength": 1e3 * wavelength.ravel()}))
         product = product * stage.transfer(*given)
     return product[:, 0]
