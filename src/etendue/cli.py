@@ -420,14 +420,14 @@ def stages(name: str | None, as_json: bool) -> None:
 
     registry = installed_stages()
     if name is not None and name not in registry:
-        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}")
+        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.missed(name)}")
     documents = [stage_document(registry, one) for one in ([name] if name else registry.names())]
     if as_json:
         _say(documents)
     elif name:
         _show(print_stage, documents[0])
     else:
-        _show(print_stages, documents)
+        _show(print_stages, documents, registry.found.notes())
 
 
 @main.command()

@@ -7,7 +7,8 @@ A bin mean is the exact integral of a piecewise-linear interpolant, divided by t
 means over the parts of a bin average back to the mean over the bin. What holds where a table ends: `ends`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from etendue.spectra.ends import beyond, reach_of
-from etendue.spectra.names import require_name
 
 FloatArray = npt.NDArray[np.float64]
 Edges = Sequence[float] | FloatArray
@@ -155,3 +155,15 @@ def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> li
             raise ValueError(f"{path}, line {number}: {cell!r} in column {name!r} is not a finite number")
         values.append(value)
     return values
+
+
+def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
+    """Refuse a name that is none of these: with the nearest ones."""
+    if name in list(names):  # a list, because colour's key views also match other spellings
+        return
+    spelled = {candidate.casefold(): candidate for candidate in names}
+    nearest = [spelled[n] for n in get_close_matches(str(name).casefold(), spelled, n=5, cutoff=0.4)]
+    shown = nearest or sorted(names)[:12]
+    label = "nearest names" if nearest else "known names"
+    tail = f"; also {besides}" if besides else ""
+    raise ValueError(f"unknown {kind} {name!r}; {label}: {', '.join(map(repr, shown))}{tail}")

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.api import Facts, Grid, Labels, Stage, param, quantity
 from etendue.physics.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
@@ -344,8 +344,3 @@ def _corner_of(grid: Grid) -> float:
         start, step = line.um()
         ends.append(np.array([start, start + step * (line.size - 1)]))
     return _corner(*ends)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"real_lens": Blur, "real_lens_distortion": Distortion, "real_lens_illumination": Illumination, "real_lens_numbers": Numbers}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, proved, quantity
+from etendue.api import Facts, Grid, Labels, Stage, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
 from etendue.stages.electronics.gain_chain import full_well
 
@@ -197,8 +197,3 @@ class FullWell(Stage):
             low=None if known.low is None else min(known.low, capacity),
             high=capacity if known.high is None else min(known.high, capacity),
         )
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"exposure": Exposure, "exposure_series": ExposureSeries, "shot_noise": ShotNoise, "full_well": FullWell}

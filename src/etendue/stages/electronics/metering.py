@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import hookimpl, measured, param, quantity
+from etendue.api import measured, param, quantity
 from etendue.physics.electronics import metering
 from etendue.stages.electronics.exposure import Exposing
 from etendue.stages.electronics.gain_chain import GainChain
@@ -63,8 +63,3 @@ class ExposureMetered(GainChain, Exposing):
     def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
         time = self.time(photocurrent)
         return {"expected_charge": self.after(time, photocurrent, rng_sensor), "exposure_time": np.array(time)}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"exposure_metered": ExposureMetered}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import hookimpl, measured, quantity
+from etendue.api import measured, quantity
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.physics.electronics import amplifier, dynamic_range, metering
 from etendue.stages.electronics.gain_chain import GainChain, analogue_gain
@@ -194,6 +194,7 @@ class ExposureNumbers(GreyCard):
 class ExposureNumbersMetered(GreyCard):
     """``exposure_numbers`` at the time that the metering has found."""
 
+    role: ClassVar = "figures"
     reads: ClassVar = {**LIGHT, "exposure_time": "[s]"}
     writes: ClassVar = FIGURES
     nanoseconds: ClassVar = 1000.0
@@ -201,11 +202,3 @@ class ExposureNumbersMetered(GreyCard):
 
     def run(self, white_radiance: Any, white_irradiance: Any, exposure_time: Any, prepared: Any) -> dict[str, Any]:
         return self.figures(float(exposure_time), white_radiance, white_irradiance, prepared)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "dynamic_range": DynamicRange, "dynamic_range_metered": DynamicRangeMetered, "exposure_report": ExposureReport,
-        "exposure_numbers": ExposureNumbers, "exposure_numbers_metered": ExposureNumbersMetered,
-    }  # fmt: skip

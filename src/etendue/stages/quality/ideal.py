@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, proved, quantity
+from etendue.api import Facts, Grid, proved, quantity
 from etendue.physics.sensor.crosstalk_planes import diffuse_planes
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.sensor.crosstalk import Crosstalk, channel_kernels
@@ -22,6 +22,7 @@ from etendue.stages.sensor.masks import mask_of
 class _Ideal(GainChain):
     """Electrons per second to the scale of ``mosaic_linear``."""
 
+    role: ClassVar = "reference"
     error: ClassVar = proved(2e-7, 4e-16)
 
     def scale(self, time: float) -> float:
@@ -139,11 +140,3 @@ class CrosstalkPlanes(Crosstalk):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return facts["photon_rate"] if self.crosstalk == "per_plane" else Facts()
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "full_planes": FullPlanes, "full_planes_metered": FullPlanesMetered, "crosstalk_planes": CrosstalkPlanes,
-        "ideal_mosaic": IdealMosaic, "ideal_mosaic_metered": IdealMosaicMetered,
-    }  # fmt: skip

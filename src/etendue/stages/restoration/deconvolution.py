@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from etendue.api import hookimpl, param, quantity
+from etendue.api import param, quantity
 from etendue.physics.light import sampling
 from etendue.physics.resolution import restoration_gain
 from etendue.physics.restoration import deconvolution, sharpening
@@ -342,11 +342,3 @@ def _beside(frequency: Any) -> Any:
 
 def padded_columns(picture: Any) -> int:
     return sampling.padded_size(picture.shape[-1])
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "wiener": Wiener, "richardson_lucy": RichardsonLucy, "restore_laplacian": RestoreLaplacian, "restore_unsharp": RestoreUnsharp,
-        "restore_wiener": RestoreWiener, "restore_richardson_lucy": RestoreRichardsonLucy,
-    }  # fmt: skip
