@@ -160,8 +160,8 @@ class Discovery:
 def _former_text(point: EntryPoint) -> str:
     origin = f"{point.dist.name} {point.dist.version}" if point.dist else "a distribution"
     return (
-        f"{origin} has its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: install a newer version, or name "
-        f"its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in its etendue_stages()"
+        f"{origin} has its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: install a newer version, or "
+        f"name its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in its etendue_stages()"
     )
 
 

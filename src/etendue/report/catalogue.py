@@ -52,7 +52,7 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     }
 
 
-def print_stages(documents: list[dict[str, Any]], notes: list[str]) -> None:
+def print_stages(documents: list[dict[str, Any]]) -> None:
     """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and what is broken."""
     console = _out()
     roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
@@ -72,8 +72,6 @@ def print_stages(documents: list[dict[str, Any]], notes: list[str]) -> None:
     for d in documents:
         if "broken" in d:
             console.print(f"broken: {d['name']}: {escape(d['broken'])}")
-    for text in notes:
-        console.print(escape(f"note: {text}"), soft_wrap=True)
     console.print("one of them in full: etendue stages NAME; what several of them share: etendue quantities")
 
 
