@@ -13,7 +13,8 @@ from collections.abc import Collection
 from functools import cache
 from importlib.resources import files
 
-from etendue.discovery import installed, spectrum
+from etendue import discovery
+from etendue.discovery import spectrum
 from etendue.hookspecs import LIBRARY
 from etendue.spectra.bins import csv_rows, require_name
 
@@ -80,7 +81,7 @@ def _rows_from(name: str) -> tuple[float, float] | None:
 
 def brought() -> list[str]:
     """The names of tables that distributions bring as files."""
-    found = installed()
+    found = discovery.installed()
     return [name for name in found.names("spectra") if found.all("spectra", name)[-1].value != LIBRARY]
 
 
