@@ -85,10 +85,10 @@ class Discovery:
         """All names, in the order in which they are brought."""
         return list(dict.fromkeys(name for answer in self._answered(what) for name in answer))
 
-    def clash(self, what: str, name: str) -> list[str]:
-        """The distributions that bring this name, when more than one does."""
+    def clash(self, what: str, name: str) -> str:
+        """What is wrong with a name that more than one distribution brings; '' where one does."""
         brought = self.all(what, name)
-        return [one.distribution for one in brought] if len(brought) > 1 else []
+        return f"offered by {' and '.join(one.distribution for one in brought)}; uninstall one of them" if len(brought) > 1 else ""
 
     def missed(self, what: str, name: str) -> str:
         """'; ...' with what may be the reason that nobody brings a name: a manifest that is broken, or of the form of earlier versions."""
@@ -199,8 +199,8 @@ def spectrum(name: str) -> str:
     brought = installed().all("spectra", name)
     if not brought or brought[0].value == hookspecs.LIBRARY == brought[-1].value:
         return ""
-    if len(brought) > 1:
-        raise ValueError(f"the spectrum {name!r} is offered by {' and '.join(one.distribution for one in brought)}; uninstall one of them")
+    if clash := installed().clash("spectra", name):
+        raise ValueError(f"the spectrum {name!r} is {clash}")
     try:
         path = os.fspath(brought[0].value)
     except TypeError:

@@ -65,7 +65,7 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_spectra() -> Mapping[str, str | PathLike[str]]:  # type: ignore[empty-body]
-    """Illuminants and sensitivities, usable wherever the name of one is: the path of a CSV file, ``wavelength_nm,a,b,...``.
+    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV file, ``wavelength_nm,a,b,...``.
 
     {"my tungsten": Path(__file__).parent / "tungsten.csv"}
     """

@@ -6,25 +6,15 @@ Names, near-misses and clashes need no stage module; a stage that cannot be impo
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint
 
 from etendue import discovery
-from etendue.discovery import Discovery, foreign
+from etendue.discovery import Brought, Discovery, foreign
 from etendue.errors import PluginError
 from etendue.interrupts import is_ours
 from etendue.spec.stage import Stage, arguments_of, check_class, parameters_of, reads_of, writes_of
 from etendue.telling import plain, said
-
-
-@dataclass(frozen=True)
-class Installed:
-    """A stage that is installed: its name and where it comes from."""
-
-    name: str
-    distribution: str
-    version: str
 
 
 class Registry:
@@ -41,19 +31,13 @@ class Registry:
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and self.found.first("stages", name) is not None
 
-    def clash(self, name: str) -> list[str]:
-        """The distributions that offer this name, when more than one does."""
-        return self.found.clash("stages", name)
-
     def missed(self, name: str) -> str:
         """'; ...' with why a stage of this name may be lacking, where that is known."""
         return self.found.missed("stages", name)
 
-    def installed(self, name: str) -> Installed:
-        brought = self.found.first("stages", name)
-        if brought is None:
-            raise KeyError(name)
-        return Installed(name, brought.distribution, brought.version)
+    def installed(self, name: str) -> Brought:
+        """Where a stage is, and of which distribution."""
+        return self.found.all("stages", name)[0]
 
     def load(self, name: str) -> type[Stage]:
         """Import the module of one stage and return its class.
@@ -61,7 +45,7 @@ class Registry:
         Raises
         ------
         PluginError
-            The module cannot be imported, has no such class, or the class breaks the form of a stage.
+            Two distributions offer it, its module cannot be imported, has no such class, or the class breaks the form of a stage.
         """
         with self._lock:
             if name not in self._loaded:
@@ -69,8 +53,10 @@ class Registry:
             return self._loaded[name]
 
     def _load(self, name: str) -> type[Stage]:
-        brought = self.found.all("stages", name)[0]
+        brought = self.installed(name)
         kind, origin = brought.value, f"stage {name!r} of {brought.origin}"
+        if clash := self.found.clash("stages", name):
+            raise PluginError(f"the stage {name!r} is {clash}")
         if isinstance(kind, str):
             if ":" not in kind:
                 raise PluginError(f"{origin} cannot be loaded: it stands at {kind!r}; expected 'module:Class', or the class")

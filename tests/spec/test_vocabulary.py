@@ -8,6 +8,7 @@ from etendue import discovery, spectra
 from etendue.discovery import Discovery
 from etendue.errors import PluginError, RequestError
 from etendue.hookspecs import hookimpl
+from etendue.plan.keys import parameters_for_key
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.spec import camera, presets, variables
@@ -90,6 +91,23 @@ def test_a_spectrum_without_its_file_names_who_brings_it(bring, tmp_path):
     bring(("theirs", "spectra", {"mine": tmp_path / "a.csv"}))
     with pytest.raises(ValueError, match=r"'mine' of theirs 1.0 has no CSV file"):
         spectra.check_illuminant("mine", 400.0, 700.0)
+
+
+def test_a_brought_spectrum_stands_wherever_a_table_does(bring, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("wavelength_nm,a\n380,0.5\n830,1\n")
+    registry = bring(("theirs", "spectra", {"mine": path}))
+    edges = (400.0, 500.0, 700.0)
+    assert spectra.illuminant("mine", edges) == pytest.approx([0.5 + 70 / 900, 0.5 + 220 / 900], rel=1e-12)
+    assert spectra.luminance_of("mine") > 0
+    assert spectra.camera_sensitivity("mine", edges)[0] == ("a",)
+    kind = registry.load("optical_filter")
+    coordinates = {"wavelength_edges": edges, "wavelength": (450.0, 600.0)}
+    named, pathed = (kind(table=table) for table in ("mine", str(path)))
+    assert list(named.prepare(coordinates)) == list(pathed.prepare(coordinates))
+    assert parameters_for_key(named) == parameters_for_key(pathed)  # counted by what is in it
+    path.write_text("wavelength_nm,a\n380,0.25\n830,0.5\n")
+    assert spectra.illuminant("mine", edges) == pytest.approx([0.25 + 35 / 900, 0.25 + 110 / 900], rel=1e-12)  # nothing stale is held
 
 
 def test_a_near_miss_of_a_brought_name_is_told(bring, tmp_path):

@@ -99,8 +99,7 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     try:
         code = code_digest(kind)
     except OSError as error:
-        whose = f"{use} of {installed.distribution} {installed.version}"
-        request.fault(place, f"{whose}: its code cannot be read: {error.strerror or type(error).__name__}")
+        request.fault(place, f"{use} of {installed.origin}: its code cannot be read: {error.strerror or type(error).__name__}")
         return None
     return Alternative(use, label, kind, values, installed.distribution, installed.version, code)
 
@@ -108,10 +107,6 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
 def _load(request: Request, use: str, place: str) -> type[Stage] | None:
     if use not in request.registry:
         request.fault(place, _no_stage(request, use))
-        return None
-    clash = request.registry.clash(use)
-    if clash:
-        request.fault(place, f"the stage {use!r} is offered by {' and '.join(clash)}; uninstall one of them")
         return None
     try:
         return request.registry.load(use)

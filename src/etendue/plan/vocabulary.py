@@ -24,8 +24,7 @@ def check_vocabulary(request: Request, entries: Entries) -> None:
             written |= {d.variable: stage for d in writes_of(one.kind).values() if d.variable not in written}
     for name, use in quantities.items():
         if clash := discovery.installed().clash("quantities", name):
-            said = f"{use} takes it, and it is offered by {' and '.join(clash)}; uninstall one of them"
-            request.fault(f"camera.{name}", said)
+            request.fault(f"camera.{name}", f"{use} takes it, and it is {clash}")
     for name, stage in written.items():
         try:
             variable(name)

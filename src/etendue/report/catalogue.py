@@ -24,11 +24,8 @@ from etendue.spec.stage import MISSING, parameters_of, reads_of, writes_of
 def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     """One stage as JSON; a broken plugin says why it is broken."""
     installed = registry.installed(name)
-    clash = registry.clash(name)
     document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
-        if clash:
-            raise PluginError(f"offered by {' and '.join(clash)}; uninstall one of them")
         kind = registry.load(name)
     except PluginError as error:
         return {**document, "role": "", "reads": {}, "writes": {}, "parameters": {}, "doc": "", "broken": str(error)}
@@ -113,13 +110,11 @@ def print_stage(document: dict[str, Any]) -> None:
 
 def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
     """One camera quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
-    brought, clash = discovery.installed().first("quantities", name), discovery.installed().clash("quantities", name)
-    found: dict[str, Any] = {"name": name}
-    if brought is not None:
-        found |= {"distribution": brought.distribution, "version": brought.version}
+    brought = discovery.installed().all("quantities", name)
+    found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
     try:
-        if clash:
-            raise PluginError(f"offered by {' and '.join(clash)}; uninstall one of them")
+        if clash := discovery.installed().clash("quantities", name):
+            raise PluginError(clash)
         found |= _plain(camera.declared(name))
     except PluginError as error:
         return {**found, "units": "", "default": None, "required": False, "range": "", "choices": None, "doc": "", "broken": str(error)}

@@ -67,8 +67,8 @@ def preset(name: str) -> Preset:
     if not brought:
         hint = nearest(name, preset_names()) or "; etendue sensors lists them"
         raise RequestError(f"there is no sensor {name!r}{hint}{found.missed('sensors', name)}")
-    if len(brought) > 1:
-        raise RequestError(f"the sensor {name!r} is offered by {' and '.join(found.clash('sensors', name))}; uninstall one of them")
+    if clash := found.clash("sensors", name):
+        raise RequestError(f"the sensor {name!r} is {clash}")
     (one,) = brought
     try:
         document = one.value

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from etendue.discovery import spectrum
 from etendue.spectra.ends import beyond, reach_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -95,7 +96,7 @@ def table_from_csv(
         A broken file, naming file and line, or a column it does not have.
     """
     checked = checked_edges(edges)
-    names, nodes, values = _read_csv(Path(path))
+    names, nodes, values = _read_csv(Path(spectrum(str(path)) or path))
     wanted = names if columns is None else list(columns)
     for name in wanted:
         require_name(name, names, f"column of {path}:")
@@ -104,8 +105,11 @@ def table_from_csv(
 
 
 def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
-    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them."""
-    return _read_csv(Path(path))
+    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them.
+
+    The name under which a distribution brings a table is as good as its path.
+    """
+    return _read_csv(Path(spectrum(str(path)) or path))
 
 
 def require_rows(path: str | Path, edges: Edges) -> None:

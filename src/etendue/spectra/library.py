@@ -145,8 +145,8 @@ def _illuminant(name: str, edges: tuple[float, ...], state: tuple[int, int]) -> 
 
 def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
     """Wavelengths (nm) and relative powers of a tabulated illuminant."""
-    if path := spectrum(name):
-        columns, nodes, values = csv_rows(path)
+    if spectrum(name):
+        columns, nodes, values = csv_rows(name)
         if len(columns) > 1:
             raise ValueError(f"the illuminant {name!r} has columns {', '.join(columns)}; a light has one")
         return nodes, values[:, 0]
@@ -270,8 +270,8 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
     ValueError
         Unknown name.
     """
-    if path := spectrum(name):
-        columns, values = table_from_csv(path, edges)
+    if spectrum(name):
+        columns, values = table_from_csv(name, edges)
         return tuple(columns), values
     return ("R", "G", "B"), _camera_sensitivity(name, checked_edges(edges))
 
@@ -284,8 +284,8 @@ def _camera_sensitivity(name: str, edges: tuple[float, ...]) -> FloatArray:
 
 def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Channels, wavelengths (rows,) in nm and relative sensitivities (rows, k) of a camera, as its table has them."""
-    if path := spectrum(name):
-        columns, nodes, values = csv_rows(path)
+    if spectrum(name):
+        columns, nodes, values = csv_rows(name)
         return tuple(columns), nodes, values
     return ("R", "G", "B"), *rows_of(lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera"))
 

@@ -28,9 +28,13 @@ MOST_OF_IT = (420.0, 680.0)  # nm; holds 99 % of the luminance of every table, a
 @cache
 def tables(kind: str) -> dict[str, tuple[float, float]]:
     """Name to (lowest, highest) wavelength, nm, of every ``illuminant``, ``camera`` or ``display`` table."""
+    return {row["name"]: (float(row["lowest_nm"]), float(row["highest_nm"])) for row in _rows_of(kind)}
+
+
+def _rows_of(kind: str) -> list[dict[str, str]]:
     text = (files("etendue") / "data" / "spectral_tables.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
-    return {row["name"]: (float(row["lowest_nm"]), float(row["highest_nm"])) for row in rows if row["kind"] == kind}
+    return [row for row in rows if row["kind"] == kind]
 
 
 def check_illuminant(name: str, lowest: float, highest: float) -> None:
@@ -75,8 +79,8 @@ def camera_range(name: str) -> tuple[float, float]:
 
 def _rows_from(name: str) -> tuple[float, float] | None:
     """Lowest and highest wavelength (nm) of a table in a file."""
-    rows = csv_rows(path)[1] if (path := spectrum(name)) else None
-    return None if rows is None else (float(rows[0]), float(rows[-1]))
+    rows = csv_rows(name)[1] if spectrum(name) else ()
+    return (float(rows[0]), float(rows[-1])) if len(rows) else None
 
 
 def brought() -> list[str]:
@@ -100,9 +104,7 @@ def check_camera(name: str) -> None:
 @cache
 def rgb_space_names() -> frozenset[str]:
     """The RGB spaces of colour-science."""
-    text = (files("etendue") / "data" / "spectral_tables.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
-    return frozenset(row["name"] for row in rows if row["kind"] == "rgb_space")
+    return frozenset(row["name"] for row in _rows_of("rgb_space"))
 
 
 def check_rgb_space(name: str, besides: Collection[str] = ()) -> None:
