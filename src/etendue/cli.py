@@ -421,7 +421,7 @@ def stages(name: str | None, as_json: bool) -> None:
 
     registry = installed_stages()
     if name is not None and name not in registry:
-        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.missed(name)}")
+        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}")
     documents = [stage_document(registry, one) for one in ([name] if name else registry.names())]
     if as_json:
         _say(documents)

@@ -31,10 +31,6 @@ class Registry:
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and self.found.first("stages", name) is not None
 
-    def missed(self, name: str) -> str:
-        """'; ...' with why a stage of this name may be lacking, where that is known."""
-        return self.found.missed("stages", name)
-
     def installed(self, name: str) -> Brought:
         """Where a stage is, and of which distribution."""
         return self.found.all("stages", name)[0]

@@ -118,7 +118,7 @@ def _load(request: Request, use: str, place: str) -> type[Stage] | None:
 def _no_stage(request: Request, use: str) -> str:
     names = request.registry.names()
     hint = nearest(use, names) or f"; {len(names)} are installed, listed by: etendue stages"
-    return f"there is no stage {use!r}{hint}{request.registry.missed(use)}"
+    return f"there is no stage {use!r}{hint}{request.registry.found.missed('stages', use)}"
 
 
 def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:

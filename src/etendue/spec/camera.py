@@ -45,11 +45,6 @@ def names() -> tuple[str, ...]:
     return tuple(discovery.installed().names("quantities"))
 
 
-def origin(name: str) -> discovery.Brought | None:
-    """Who brings a quantity; None where nobody does."""
-    return discovery.installed().first("quantities", name)
-
-
 @cache
 def declared(name: str) -> Quantity:
     """What is allowed for a quantity, and its default (``MISSING`` where it must be given).
@@ -59,7 +54,7 @@ def declared(name: str) -> Quantity:
     PluginError
         Nobody brings it, or what is brought cannot be read.
     """
-    brought = origin(name)
+    brought = discovery.installed().first("quantities", name)
     if brought is None:
         hint = nearest(name, names()) or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
         raise PluginError(f"there is no camera quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
@@ -68,4 +63,4 @@ def declared(name: str) -> Quantity:
 
 def long_name(name: str) -> str:
     """What an axis of an archive is called."""
-    return (declared(name).long_name if origin(name) else "") or name
+    return (declared(name).long_name if name in names() else "") or name

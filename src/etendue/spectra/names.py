@@ -79,8 +79,8 @@ def camera_range(name: str) -> tuple[float, float]:
 
 def _rows_from(name: str) -> tuple[float, float] | None:
     """Lowest and highest wavelength (nm) of a table in a file."""
-    rows = csv_rows(name)[1] if spectrum(name) else ()
-    return (float(rows[0]), float(rows[-1])) if len(rows) else None
+    rows = csv_rows(name)[1] if spectrum(name) else None
+    return None if rows is None else (float(rows[0]), float(rows[-1]))
 
 
 def brought() -> list[str]:
