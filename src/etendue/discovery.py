@@ -12,9 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pluggy
 
@@ -22,6 +21,9 @@ from etendue import hookspecs
 from etendue.errors import PluginError, nearest
 from etendue.interrupts import is_ours
 from etendue.telling import here, said
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 HOOKS = tuple(name.removeprefix("etendue_") for name in vars(hookspecs) if name.startswith("etendue_"))
 OWN = "etendue"  # looked at first: most names are its own
@@ -168,6 +170,8 @@ def _former_text(point: EntryPoint) -> str:
 @cache
 def installed() -> Discovery:
     """The vocabularies of all installed distributions."""
+    from importlib.metadata import entry_points  # late: whoever only makes a class without quantities looks nothing up
+
     points = entry_points()
     return Discovery(points.select(group=hookspecs.GROUP), points.select(group=hookspecs.FORMER_GROUP))
 
