@@ -168,7 +168,8 @@ class Drawn:
         own = {}
         always = ("f_number", "pixel_pitch", "integration_time")
         for name in camera.names():
-            parameter, default = camera.declared(name)
+            parameter = camera.declared(name)
+            default = parameter.default
             if default is MISSING or (isinstance(default, str) and not parameter.choices):
                 continue
             with self.stream("camera", name):

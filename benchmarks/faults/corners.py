@@ -151,7 +151,7 @@ def cases(names: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     if "camera" in names:
         kinds = {name: entry[1] for use in registry.names() for name, entry in parameters_of(registry.load(use)).items()}
         for name in camera.names():
-            for value in corners(camera.declared(name)[0], kinds[name]):
+            for value in corners(camera.declared(name), kinds[name]):
                 document = tiny()
                 document["camera"][name] = value
                 yield f"camera.{name} = {value}", document

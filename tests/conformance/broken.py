@@ -158,6 +158,11 @@ class OtherUnit(Sound):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OtherUnitOfAVariable(Sound):
+    writes: ClassVar = {"charge": "y x [DN]"}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Remembering(Sound):
     seen: ClassVar[list[float]] = []
 

@@ -86,4 +86,4 @@ STAGES = {
 
 @hookimpl
 def etendue_stages():
-    return STAGES
+    return {**STAGES, "cannot_load": "tests.studies.no_such_module:Stage"}

@@ -17,11 +17,12 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from etendue import hookspecs
 from etendue.cli import _number, main
+from etendue.discovery import Discovery, installed
+from etendue.hookspecs import GROUP
 from etendue.physics.colour import difference
 from etendue.physics.field.psf_bank import PsfBank
-from etendue.registry import Registry, installed_stages
+from etendue.registry import Registry
 from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
 from etendue.session import Options
@@ -125,14 +126,7 @@ def rows_of(axis, found=None, expected=False, edges=False, **changes):
 @pytest.fixture
 def registry(monkeypatch):
     """The installed stages, and a third party's."""
-    from tests.studies import alternatives
-
-    known = installed_stages()
-    points = dict(known._points)
-    for name in alternatives.STAGES:
-        points[name] = [EntryPoint(name, "tests.studies.alternatives", hookspecs.GROUP)]
-    points["cannot_load"] = [EntryPoint("cannot_load", "tests.studies.no_such_module", hookspecs.GROUP)]
-    mine = Registry(points)
+    mine = Registry(Discovery([*installed().points, EntryPoint("own", "tests.studies.alternatives", GROUP)]))
     monkeypatch.setattr("etendue.studies.compare.installed_stages", lambda: mine)
     return mine
 

@@ -101,8 +101,7 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     try:
         code = code_digest(kind)
     except OSError as error:
-        whose = f"{use} of {installed.distribution} {installed.version}"
-        request.fault(place, f"{whose}: its code cannot be read: {error.strerror or type(error).__name__}")
+        request.fault(place, f"{use} of {installed.origin}: its code cannot be read: {error.strerror or type(error).__name__}")
         return None
     return Alternative(use, label, kind, values, installed.distribution, installed.version, code)
 
@@ -110,10 +109,6 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
 def _load(request: Request, use: str, place: str) -> type[Stage] | None:
     if use not in request.registry:
         request.fault(place, _no_stage(request, use))
-        return None
-    clash = request.registry.clash(use)
-    if clash:
-        request.fault(place, f"the stage {use!r} is offered by {' and '.join(clash)}; uninstall one of them")
         return None
     try:
         return request.registry.load(use)
@@ -124,7 +119,8 @@ def _load(request: Request, use: str, place: str) -> type[Stage] | None:
 
 def _no_stage(request: Request, use: str) -> str:
     names = request.registry.names()
-    return f"there is no stage {use!r}{nearest(use, names) or f'; {len(names)} are installed, listed by: etendue stages'}"
+    hint = nearest(use, names) or f"; {len(names)} are installed, listed by: etendue stages"
+    return f"there is no stage {use!r}{hint}{request.registry.found.missed('stages', use)}"
 
 
 def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:

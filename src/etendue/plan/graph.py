@@ -19,6 +19,7 @@ from etendue.plan.lacking import lacking
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.quantities import resolve_camera, to_be_found
 from etendue.plan.request import Request
+from etendue.plan.vocabulary import check_vocabulary
 from etendue.registry import Registry
 from etendue.spec.names import unfit_axis
 from etendue.spec.pipeline import Pipeline
@@ -51,6 +52,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
         if use_axis:
             swapped[entry.name] = use_axis
         request.whole = request.whole and bool(entries[entry.name])
+    check_vocabulary(request, entries)
     camera = resolve_camera(request, entries)
     axes, direct = resolve_axes(request, entries, camera, list(swapped.values()))
     nodes = link(request, entries, swapped, axes, direct)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, ClassVar, TypeVar
 
+from etendue.discovery import spectrum
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.names import unfit_variable
@@ -181,13 +182,15 @@ def optional_ports(kind: type[Stage]) -> frozenset[str]:
 
 
 def files_of(stage: Stage) -> dict[str, str]:
-    """Paths of the files that parameters name."""
+    """Paths of the files that parameters stand for."""
     values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}
-    return {
-        name: value
-        for name, (parameter, value) in values.items()
-        if isinstance(value, str) and value and (parameter.file or (parameter.table and value.endswith(".csv")))
-    }
+    paths = {name: file_behind(value, parameter) for name, (parameter, value) in values.items() if isinstance(value, str)}
+    return {name: path for name, path in paths.items() if path}
+
+
+def file_behind(value: str, parameter: Parameter) -> str:
+    """The file that a value stands for, as it is named; of a spectrum that a distribution brings its path; '' for what is no file."""
+    return value if parameter.file else spectrum(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:

@@ -117,7 +117,7 @@ def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
     faults = []
     for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
         use = value.get("use") if isinstance(value, dict) else value
-        if not isinstance(use, str) or use not in registry or registry.clash(use):
+        if not isinstance(use, str) or use not in registry:
             continue  # a fault that the planner names
         try:
             kind = registry.load(use)
@@ -146,8 +146,6 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
         if name == own.use or name.endswith("_planes"):
             continue
         try:
-            if registry.clash(name):
-                raise PluginError(f"the stage {name!r} is offered by {' and '.join(registry.clash(name))}; uninstall one of them")
             kind = registry.load(name)
         except PluginError as error:
             broken.append(str(error))

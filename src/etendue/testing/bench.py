@@ -161,7 +161,7 @@ class Bench:
             size = frame[0 if dim == "y" else 1]
             if "wavelength" in declaration.dims or declaration.variable == "*.irradiance":
                 return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
-            pitch = float(getattr(self.stage, "pixel_pitch", camera.default("pixel_pitch")))
+            pitch = float(getattr(self.stage, "pixel_pitch", camera.declared("pixel_pitch").default))
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB

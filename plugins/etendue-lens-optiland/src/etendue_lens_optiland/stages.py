@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, param, quantity
 from etendue.physics.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
@@ -83,6 +83,7 @@ class Moved(RealLens):
 class Blur(Moved, Banded, Bounded):
     """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
 
+    role: ClassVar = "lens"
     once: ClassVar = ("diffraction",)
     nanoseconds: ClassVar = 400.0
 
@@ -181,6 +182,7 @@ class Blur(Moved, Banded, Bounded):
 class Distortion(Moved, Banded, Bounded):
     """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
 
+    role: ClassVar = "distortion"
     once: ClassVar = ("distortion",)
     gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
     nanoseconds: ClassVar = 350.0
@@ -241,6 +243,7 @@ class Distortion(Moved, Banded, Bounded):
 class Illumination(Moved, Banded):
     """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
 
+    role: ClassVar = "falloff"
     once: ClassVar = ("fall-off",)
     gain: ClassVar[float | None] = banks.BRIGHTEST
     pointwise: ClassVar = True
@@ -291,6 +294,7 @@ class Numbers(RealLens):
     the same pupil without aberrations; ``lateral_colour`` the chief ray's image height against the reference wavelength's.
     """
 
+    role: ClassVar = "figures"
     writes: ClassVar = {
         "real_focal_length": "[mm]", "back_focal_distance": "[mm]", "image_scale": "[mm]", "axial_f_number": "[1]",
         "image_height": "field [mm]", "strehl_ratio": "field wavelength [1]", "wavefront_rms": "field wavelength [1]",
@@ -344,8 +348,3 @@ def _corner_of(grid: Grid) -> float:
         start, step = line.um()
         ends.append(np.array([start, start + step * (line.size - 1)]))
     return _corner(*ends)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"real_lens": Blur, "real_lens_distortion": Distortion, "real_lens_illumination": Illumination, "real_lens_numbers": Numbers}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Stage, ends, hookimpl, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Stage, ends, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
 from etendue.stages.electronics.gain_chain import full_well
 
@@ -149,8 +149,3 @@ class FullWell(Bounded):
             low=None if known.low is None else min(known.low, capacity),
             high=capacity if known.high is None else min(known.high, capacity),
         )
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"exposure": Exposure, "shot_noise": ShotNoise, "full_well": FullWell}

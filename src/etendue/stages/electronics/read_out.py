@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, hookimpl, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
@@ -173,8 +173,3 @@ class Linearise(KnownNoise):
             "mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, white),
             "clipping_level": np.array(lowest / white),
         }
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"read_noise": ReadNoise, "line_pattern": LinePattern, "adc": Adc, "linearise": Linearise}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from etendue.api import Banded, Facts, Grid, hookimpl, param
+from etendue.api import Banded, Facts, Grid, param
 from etendue.physics.field import blur
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.physics.optics import imaging, pupil
@@ -158,8 +158,3 @@ class Aberrations(Blur, Aberrated, Banded):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"aberrations": Aberrations}

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, Line, hookimpl, param
+from etendue.api import Banded, Bounded, Facts, Grid, Line, param
 from etendue.physics.field import blur, warp
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.spec.stage import file_state
@@ -239,8 +239,3 @@ class Distortion(Banded, Bounded):
         if grid.line("x").cells and self.order > 1:
             notes.append("light is means over cells: a spline may swing below zero beside points and edges; order = 1 does not")
         return notes
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"lens_psf_field": LensPsfField, "distortion": Distortion}

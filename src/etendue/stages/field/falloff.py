@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, hookimpl, measured, param
+from etendue.api import Banded, Bounded, Facts, Grid, measured, param
 from etendue.physics.light import radiometry
 from etendue.stages.field.illumination import by_curves, farthest, nearest
 from etendue.stages.field.tables import FieldTable, field_table
@@ -109,8 +109,3 @@ class Falloff(Conjugates, Banded, Bounded):
             return []
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()
         return self.rows().remarks(float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"falloff": Falloff}

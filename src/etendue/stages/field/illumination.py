@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, hookimpl, measured, param
+from etendue.api import Banded, Bounded, Facts, Grid, measured, param
 from etendue.physics.field import illumination
 from etendue.stages.field.tables import FieldTable, field_table
 from etendue.stages.optics.conjugates import Conjugates
@@ -188,8 +188,3 @@ class AngularResponse(Conjugates, Banded, Bounded):
         radii = np.linspace(0.0, farthest(grids["irradiance"]), 257)
         bands = grids["irradiance"].bands().values()
         return self.rows().remarks(float(np.max(self.folded(self.angle(radii)))), "degrees", bands)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"vignetting": Vignetting, "angular_response": AngularResponse}

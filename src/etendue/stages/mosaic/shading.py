@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, param, quantity
 from etendue.physics.field import illumination
 from etendue.physics.mosaic import shading
 from etendue.physics.sensor import cfa
@@ -186,8 +186,3 @@ class LensShadingPlanes(LensShading):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return []
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"lens_shading": LensShading, "lens_shading_planes": LensShadingPlanes}

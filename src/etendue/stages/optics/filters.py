@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bounded, Facts, Grid, Transfer, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, param
 from etendue.physics.optics import filters
 
 
@@ -69,8 +69,3 @@ class Birefringent(Transfer, Bounded):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the transform pair, as for every transfer function."""
         return (1e-6 if precision == "float32" else 5e-15), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"birefringent": Birefringent}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from etendue import spectra
-from etendue.api import Banded, Bounded, Facts, Grid, hookimpl, param, proved, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, param, proved, quantity
 from etendue.physics.light import radiometry
 from etendue.physics.optics import filters
 from etendue.stages.optics.conjugates import Conjugates
@@ -120,8 +120,3 @@ class OpticalFilter(Banded, Bounded):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return replace(facts["irradiance"], low=None, high=None)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"irradiance": Irradiance, "optical_filter": OpticalFilter}

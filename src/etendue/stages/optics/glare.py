@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Transfer, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, param
 from etendue.physics.optics import glare
 
 
@@ -63,8 +63,3 @@ class Glare(Transfer, Bounded):
             f"{100 * outside:.2g} % of the light would be scattered beyond half the frame; there it comes back from the mirror image that "
             "continues the scene: give the scene a larger margin, or call that share veil"
         ]
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"glare": Glare}

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Transfer, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, param
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.optics import annulus, lens
 from etendue.physics.optics.undershoot import undershoot
@@ -123,8 +123,3 @@ class LensPsf(Blur, Transfer):
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return 2e-6 * (16384 / self.nodes) ** 2, "fitted"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"diffraction": Diffraction, "lens_gaussian": LensGaussian, "lens_psf": LensPsf}

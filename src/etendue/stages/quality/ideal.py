@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, proved, quantity
+from etendue.api import Facts, Grid, proved, quantity
 from etendue.physics.sensor.crosstalk_planes import diffuse_planes
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.sensor.crosstalk import Crosstalk, channel_kernels
@@ -97,10 +97,3 @@ class CrosstalkPlanes(Crosstalk):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return facts["photon_rate"] if self.crosstalk == "per_plane" else Facts()
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "full_planes": FullPlanes, "crosstalk_planes": CrosstalkPlanes, "ideal_mosaic": IdealMosaic,
-    }  # fmt: skip

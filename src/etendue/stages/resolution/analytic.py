@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from etendue.api import Labels, Probe, hookimpl, param, quantity
+from etendue.api import Labels, Probe, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
 from etendue.spec.capabilities import ends_in_sum
@@ -170,8 +170,3 @@ def picture_height(transfers: Any) -> float:
             line = otf.grid.line("y")
             return float(line.size * line.um()[1])
     return math.nan
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"resolution": Resolution}

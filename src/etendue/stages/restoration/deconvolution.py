@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, hookimpl, param
+from etendue.api import Stage, param
 from etendue.physics.restoration import deconvolution
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.restoration.figures import (
@@ -176,8 +176,3 @@ class RichardsonLucy(Inverse):
 def _beside(frequency: Any) -> Any:
     """The nearest frequency beyond the Nyquist frequency that folds onto each, cycles/pixel."""
     return frequency - np.where(frequency >= 0, 1.0, -1.0)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"wiener": Wiener, "richardson_lucy": RichardsonLucy}

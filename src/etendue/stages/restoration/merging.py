@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import hookimpl, measured, param
+from etendue.api import measured, param
 from etendue.physics.restoration import merging
 from etendue.stages.electronics.known_noise import KnownNoise
 
@@ -57,8 +57,3 @@ class MergeFrames(KnownNoise):
             "rgb_camera": rate, "integration_time": np.array(integration_time[shortest]), "white": white[shortest].copy(),
             "clipping_level": np.array(clipping_level[shortest]), "merged_variance": variance,
         }  # fmt: skip
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"merge_frames": MergeFrames}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Bounded, Facts, Grid, Stage, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, Stage, param, quantity
 from etendue.physics.restoration import denoise, sharpening
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.restoration.figures import FIGURES, LOOKS, System, figures
@@ -136,8 +136,3 @@ class Denoise(KnownNoise, Bounded):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic. In single precision the input's own rounding is seen as noise of 3e-8."""
         return (1e-6 if precision == "float32" else 1e-13), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"sharpen": Sharpen, "sharpen_mosaic": SharpenMosaic, "unsharp": Unsharp, "denoise": Denoise}

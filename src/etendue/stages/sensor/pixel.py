@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Transfer, hookimpl, param, quantity
+from etendue import spectra
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Transfer, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
@@ -200,7 +201,7 @@ class Pixel(Collecting, Summed):
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
         """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
-        known = self.sensitivity == FLAT or self.sensitivity.endswith(".csv")  # tables of colour-science end where their filters do
+        known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)  # tables of colour-science end where their filters do
         if edges[-1] - edges[0] < 200 or not known:
             return []
         bins = tuple(300.0 + 10 * i for i in range(91))
@@ -242,8 +243,3 @@ def joined_transfer(stages: tuple[Any, ...], frequency: Any, edges: tuple[float,
             given.append(stage.prepare({"wavelength_edges": np.array(edges), "wavelength": 1e3 * wavelength.ravel()}))
         product = product * stage.transfer(*given)
     return product[:, 0]
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"diffusion": Diffusion, "pixel": Pixel}
