@@ -48,7 +48,7 @@ class Summed(Transfer):
     def weights(self, prepared: Any) -> Any:
         """(channel, wavelength)."""
 
-    def segment_error(self, before: tuple[Stage, ...], facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
         """Its error behind the stages that are joined before it."""
         return self.error(facts, grid, precision)
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bounded, Facts, Grid, Labels, Line, Stage, Summed, Transfer, param, quantity
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
@@ -26,6 +26,7 @@ from etendue.stages.sensor.sensitivity import (
     quantum_efficiency,
     unused_notes,
 )
+from etendue.transfers import Product
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +161,7 @@ class Pixel(Collecting, Summed):
         """Of the sum over wavelength and the evaluation between samples: 3e-6 at worst, up to 1024 x 1500."""
         return (5e-6 if precision == "float32" else 2e-14), "measured"
 
-    def segment_error(self, before: tuple[Stage, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """With an expansion: what it leaves out of light equally strong in every band, at the frequency where that is most."""
         bound, how = self.error(facts, grid, precision)
         edges = grid["irradiance"].bands().edges
@@ -168,7 +169,7 @@ class Pixel(Collecting, Summed):
             return bound, how
         highest = 0.5 * math.hypot(1 / grid["irradiance"].line("y").step, 1 / grid["irradiance"].line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
-        transfer, passed = joined_transfer(before, frequency, edges), self.passed(frequency)
+        transfer, passed = Product(before, edges).along(frequency), self.passed(frequency)
         weights = electrons_per_irradiance(self, edges)
         basis = expansion.wavelength_basis(weights, self.wavelength_terms, transfer, passed)
         return bound + float((passed * expansion.expansion_residual(weights, transfer, basis).max(axis=0)).max()), "fitted"
@@ -231,15 +232,3 @@ class Pixel(Collecting, Summed):
             "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast left at their Nyquist "
             "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has that"
         ]
-
-
-def joined_transfer(stages: tuple[Any, ...], frequency: Any, edges: tuple[float, ...]) -> Any:
-    """(wavelength, frequency): the product of the transfer functions of some stages along x."""
-    wavelength = 0.5e-3 * (np.array(edges[:-1]) + np.array(edges[1:]))[:, None, None]
-    product = np.ones((wavelength.size, 1, frequency.size))
-    for stage in stages:
-        given = [np.zeros((1, 1)), frequency[None, :], wavelength]
-        if type(stage).prepare is not Stage.prepare:
-            given.append(stage.prepare({"wavelength_edges": np.array(edges), "wavelength": 1e3 * wavelength.ravel()}))
-        product = product * stage.transfer(*given)
-    return product[:, 0]
