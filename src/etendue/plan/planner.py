@@ -105,6 +105,8 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "distribution": node.alternatives[0].distribution,
                 "axes": [plan.axis(dim).key for dim in node.axes],
                 "cells": len(cells),
+                "found": node.found or None,
+                "one_by_one": list(node.mapped) or None,
                 "left_out": {
                     "cells": len(out),
                     "of": len(cells),
