@@ -235,7 +235,7 @@ def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(cod
 
 
 @pytest.mark.parametrize(
-    "edited", ["report/tables.py", "run/parallel.py", "archive/store.py", "cli.py", "plan/graph.py", "session.py", "registry.py"]
+    "edited", ["report/tables.py", "run/parallel.py", "archive/store.py", "cli/program.py", "plan/graph.py", "session.py", "registry.py"]
 )
 def test_an_edited_report_or_engine_changes_no_key(code, edited):
     package, digests = code
