@@ -86,7 +86,7 @@ class Registry:
             impls = [impl for impl in self._manager.hook.etendue_stages.get_hookimpls() if impl.plugin is module]
             if not impls:
                 raise PluginError(f"{point.module} has no @hookimpl etendue_stages")
-            kind = impls[0].function()[name]  # type: ignore[index]
+            kind: type[Stage] = impls[0].function()[name]  # type: ignore[index]
         except BaseException as error:  # a module that ends the process at import is broken like any other
             if is_ours(error):
                 raise

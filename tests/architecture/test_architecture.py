@@ -38,6 +38,12 @@ def test_no_file_is_named_after_nothing():
     assert not names & {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
 
 
+def test_the_types_of_the_package_are_there_for_who_imports_it():
+    """Without ``py.typed`` a type checker takes everything of an installed package for Any."""
+    assert (PACKAGE / "py.typed").read_text() == ""
+    assert PROJECT["tool"]["mypy"]["strict"] is True
+
+
 def modules():
     return [path for path in sorted(PACKAGE.rglob("*.py")) if path.read_text().strip()]
 

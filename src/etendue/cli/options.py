@@ -7,12 +7,14 @@ Out: ``Given``, which reads the pipeline.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import click
 
+Adds = Callable[[Any], Any]
 REPEAT = "; may be repeated."
 SETTING = "camera.f_number=4, sharpen.strength=0.3" + REPEAT
 FILE = click.argument("file", type=click.Path(path_type=Path))
@@ -28,11 +30,11 @@ SCHEDULER = click.option(
 WORKERS = click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
 
 
-def settings(example: str = SETTING) -> Any:
+def settings(example: str = SETTING) -> Adds:
     return click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help=example)
 
 
-def output(help: str) -> Any:
+def output(help: str) -> Adds:
     return click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help=help)
 
 
@@ -53,18 +55,18 @@ class Given:
         return read_pipeline(self.file, overrides(self))
 
 
-def gather(function: Any) -> Any:
+def gather(function: Callable[..., None]) -> Callable[..., None]:
     """Hand a command what its options say of a pipeline as one ``Given``."""
 
     @functools.wraps(function)
-    def gathering(**words: Any) -> Any:
+    def gathering(**words: Any) -> None:
         own = {field.name: words.pop(field.name) for field in fields(Given) if field.name in words}
-        return function(Given(**own), **words)
+        function(Given(**own), **words)
 
     return gathering
 
 
-def pipeline_options(function: Any) -> Any:
+def pipeline_options(function: Callable[..., None]) -> Any:
     """All that may be said of a pipeline."""
     for option in (gather, JSON, NOTHING_LEFT_OUT, TOLERANCE, WANT, SWEEPS, settings(), FILE):
         function = option(function)

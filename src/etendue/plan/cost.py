@@ -39,7 +39,7 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     """Expected seconds of one cell on one thread."""
     if cell.left_out:
         return 2e-5
-    rate = word_of(type(cell.stage), "nanoseconds", 30.0)
+    rate: float = word_of(type(cell.stage), "nanoseconds", 30.0)
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
         values = 1.6 * grid.count
