@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
 from etendue.physics.sensor.cfa import COLOURS, phase
 
 RED, GREEN, BLUE = range(3)
@@ -34,7 +35,7 @@ def checked(mosaic: NDArray, pattern: str) -> NDArray:
     if mosaic.ndim != 2 or mosaic.size == 0:
         raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x), at least 1 x 1")
     phase(pattern)
-    return mosaic if np.issubdtype(mosaic.dtype, np.floating) else mosaic.astype(np.float64)
+    return require.floating(mosaic)
 
 
 def mirrored(mosaic: NDArray, reach: int) -> NDArray:

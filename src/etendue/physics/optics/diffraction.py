@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
 from etendue.physics.optics import airy
 
 FloatArray = NDArray[np.floating]
@@ -114,8 +115,7 @@ def airy_psf_stack(y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_numb
     y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
     if y.ndim != 1 or x.ndim != 1:
         raise ValueError(f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
-    if not 0.0 <= tolerance < 1.0:
-        raise ValueError(f"tolerance is {tolerance}; it must be at least 0 and below 1")
+    require.must(0.0 <= tolerance < 1.0, "tolerance", tolerance, "at least 0 and below 1")
     spots = np.atleast_1d(spot(bands, f_number))
     kind = np.result_type(y, x, np.float32)
     rows, row_of = np.unique(np.abs(y).astype(float), return_inverse=True)
@@ -295,8 +295,7 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
     ring, where relative errors mean nothing; 3e-11 for 2e-9 of the energy, from 0.003 on and up to 39 rows and columns away.
     """
     scale = np.pi * pitch / spot(wavelength, f_number)
-    if not pitch > 0.0:
-        raise ValueError(f"pitch is {pitch}; it must be above 0 um")
+    require.positive("pitch", pitch, " um")
     row, column = np.broadcast_arrays(np.abs(np.asarray(row, float)), np.abs(np.asarray(column, float)))
     if not (np.all(row == np.rint(row)) and np.all(column == np.rint(column))):
         raise ValueError(f"row is {row} and column is {column}; they must be whole numbers of pixels")
@@ -334,8 +333,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
     s / (2 (s - Sparrow's)) close to Sparrow's separation.
     """
     separation = np.asarray(separation, float)
-    if not np.all(separation >= 0.0):
-        raise ValueError(f"separation is {separation}; it must be 0 or above")
+    require.must(separation >= 0.0, "separation", separation, "0 or above")
     half = np.pi * separation
     merged = 2.0 * separation <= SPARROW
     # one sign change of the slope between the bounds: at most 1 inwards of a spot once the two stand apart
@@ -358,10 +356,8 @@ def spot(wavelength: Floats, f_number: Floats) -> Floats:
     ValueError
         For a wavelength (um) or an f-number that is not above 0.
     """
-    if not np.all(np.asarray(wavelength) > 0.0):
-        raise ValueError(f"wavelength is {wavelength}; it must be above 0 um")
-    if not np.all(np.asarray(f_number) > 0.0):
-        raise ValueError(f"f_number is {f_number}; it must be above 0")
+    require.positive("wavelength", wavelength, " um")
+    require.positive("f_number", f_number)
     product = np.asarray(wavelength) * f_number
     return product if product.ndim else float(product)
 
