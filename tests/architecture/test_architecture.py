@@ -67,6 +67,18 @@ def test_no_import_stands_in_a_function_to_break_a_circle():
     assert found == []
 
 
+def test_no_law_hangs_on_a_clock():
+    """Speed is measured in ``benchmarks``: how fast a machine is at the moment is no property of the code."""
+    clocks = {"time", "perf_counter", "process_time", "thread_time", "monotonic"}
+    found = []
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Assert):
+                called = {n.func.attr for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)}
+                found += [f"{path.name}:{node.lineno}" for _ in called & clocks]
+    assert found == []
+
+
 # -- built-in stages --------------------------------------------------------------------------------------
 
 BUILT_IN = sorted(POINTS)
