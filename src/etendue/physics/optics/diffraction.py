@@ -6,7 +6,8 @@ Sources: Born and Wolf, Principles of Optics, section 8.5; Goodman, Introduction
 6.3; seed paper eqs. 3 and 4, of which eq. 3 is misprinted (its argument grows without bound towards the
 centre) and the 2.44 of eq. 4 is kept with all its digits.
 
-Throughout v = pi r / (lambda N). N is the working f-number: see `radiometry.working_f_number`.
+Throughout v = pi r / (lambda N). N is the working f-number: see `radiometry.working_f_number`. A wavelength or an
+f-number that is not above 0 is a ValueError.
 """
 
 from math import factorial
@@ -217,46 +218,22 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
 
 
 def cutoff_frequency(wavelength: Floats, f_number: Floats) -> Floats:
-    """Frequency (cycles/um) from which a diffraction-limited lens passes nothing, 1/(lambda N).
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Frequency (cycles/um) from which a diffraction-limited lens passes nothing, 1/(lambda N)."""
     return 1.0 / spot(wavelength, f_number)
 
 
 def airy_diameter(wavelength: Floats, f_number: Floats) -> Floats:
-    """Diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44."""
     return AIRY_DIAMETER * spot(wavelength, f_number)
 
 
 def rayleigh_separation(wavelength: Floats, f_number: Floats) -> Floats:
-    """Distance (um) of two spots one of which sits on the other's first dark ring, 1.2196... lambda N.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Distance (um) of two spots one of which sits on the other's first dark ring, 1.2196... lambda N."""
     return RAYLEIGH * spot(wavelength, f_number)
 
 
 def sparrow_separation(wavelength: Floats, f_number: Floats) -> Floats:
-    """Distance (um) at which the dip between two equal incoherent spots disappears, 0.9471... lambda N.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Distance (um) at which the dip between two equal incoherent spots disappears, 0.9471... lambda N."""
     return SPARROW * spot(wavelength, f_number)
 
 
@@ -349,13 +326,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
 
 def spot(wavelength: Floats, f_number: Floats) -> Floats:
-    """lambda N in um, a plain float where it is a scalar so that float32 arrays stay float32.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """lambda N in um, a plain float where it is a scalar so that float32 arrays stay float32."""
     require.positive("wavelength", wavelength, " um")
     require.positive("f_number", f_number)
     product = np.asarray(wavelength) * f_number
