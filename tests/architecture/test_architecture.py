@@ -67,6 +67,18 @@ def test_no_import_stands_in_a_function_to_break_a_circle():
     assert found == []
 
 
+def test_the_house_stands_as_it_is_drawn_for_who_contributes():
+    """Every room and every wing is named, and what is named is there."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    drawn = set(re.findall(r"[a-z_]+", text.split("## The house")[1].split("## A change")[0]))
+    rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith(("_", "py.typed"))} - {"data"}
+    wings = {path.name for room in ("physics", "stages") for path in (PACKAGE / room).iterdir() if (path / "__init__.py").is_file()}
+    assert rooms | wings <= drawn
+    paths = [path for path in re.findall(r"`([a-z_]+/[\w./-]*)`", text) if path.split("/")[0] not in ("docs", "benchmarks", "plugins")]
+    assert len(paths) > 20
+    assert [path for path in paths if not (PACKAGE / path).exists()] == []
+
+
 def test_no_law_hangs_on_a_clock():
     """Speed is measured in ``benchmarks``: how fast a machine is at the moment is no property of the code."""
     clocks = {"time", "perf_counter", "process_time", "thread_time", "monotonic"}
