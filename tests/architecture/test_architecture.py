@@ -79,6 +79,14 @@ def test_the_house_stands_as_it_is_drawn_for_who_contributes():
     assert [path for path in paths if not (PACKAGE / path).exists()] == []
 
 
+def test_every_import_that_the_documents_show_is_there():
+    texts = [path.read_text() for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))]
+    shown = [line for text in texts for line in re.findall(r"^ *(from etendue[\w.]* import [\w, ]+)$", text, flags=re.M)]
+    assert len(shown) > 8
+    for line in shown:
+        exec(line.strip(), {})
+
+
 def test_no_law_hangs_on_a_clock():
     """Speed is measured in ``benchmarks``: how fast a machine is at the moment is no property of the code."""
     clocks = {"time", "perf_counter", "process_time", "thread_time", "monotonic"}

@@ -114,17 +114,15 @@ def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
     loaded = {name.removeprefix("etendue.stages.") for name in done.stdout.split()}
-    assert {"exposure", "optics", "scene", "sensor", "False"} <= loaded
+    assert {"electronics.exposure", "optics.gathering", "scene.charts", "sensor.pixel", "False"} <= loaded
+    assert not {name.split(".")[0] for name in loaded} & {"colour", "restoration", "resolution", "quality"}
     assert not loaded & {
-        "colour",
-        "reconstruct",
-        "measures",
-        "lens_measures",
-        "noise_measures",
-        "paper_order",
-        "glare",
-        "filters",
-        "metering",
+        "electronics.paper_order",
+        "electronics.numbers",
+        "optics.glare",
+        "optics.filters",
+        "optics.numbers",
+        "mosaic.demosaic",
     }
 
 
