@@ -52,6 +52,7 @@ def test_a_signal_while_anything_is_imported_is_answered_in_one_line(tmp_path):
         assert out == ""
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="needs /proc")
 def test_a_run_interrupted_at_some_instants_leaves_nothing_and_is_mended(tmp_path):
     """The driver of the benchmark, once; the signal comes twice, as of an impatient hand."""
