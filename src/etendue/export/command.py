@@ -208,13 +208,13 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
 
 def white_level(shelf: Shelf, frame: Frame) -> int:
     """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips there."""
-    top = 2 ** int(shelf.parameter(frame, "bits")) - 1
+    top: int = 2 ** int(shelf.parameter(frame, "bits")) - 1
     if not any("full_well" in node["stage"] for node in shelf.record["nodes"].values()):
         return top
     known = {quantity.name: shelf.parameter(frame, quantity.name) for quantity in fields(GainChain)}
     if None in known.values():  # no stage of gain and converter of the package
         return top
-    return round(float(shelf.parameter(frame, "black_level")) + GainChain(**known).white())
+    return round(float(shelf.parameter(frame, "black_level")) + float(GainChain(**known).white()))
 
 
 def _iso(shelf: Shelf, frame: Frame) -> float | None:
@@ -232,7 +232,7 @@ def _writer(shelf: Shelf, job: _Job) -> Callable[[Path], None]:
 
 def _is_srgb(shelf: Shelf, frame: Frame) -> bool:
     shown: dict[str, Any] = {k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"}
-    return shelf.parameter(frame, "encoding") == "sRGB" and shown.get("display", "sRGB") == "sRGB"
+    return str(shelf.parameter(frame, "encoding")) == "sRGB" and shown.get("display", "sRGB") == "sRGB"
 
 
 def _software() -> str:
@@ -241,4 +241,4 @@ def _software() -> str:
 
 def _when(shelf: Shelf) -> str:
     """When the run began, as TIFF writes it: two exports of an archive are the same file."""
-    return shelf.record["began"].replace("-", ":").replace("T", " ").rstrip("Z")
+    return str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")

@@ -258,7 +258,7 @@ class _Measurement:
             return {}
         names = {type(s).__name__ for s in stages}
         dark = float(exposing.dark_charge(time))
-        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))  # type: ignore[attr-defined]
+        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))
         lines = sum(getattr(s, k, 0.0) ** 2 for s in stages for k in ("row_pattern", "column_pattern", "row_noise", "column_noise"))
         remark = "noise of whole rows and columns is counted as if each pixel had its own"
         if lines and remark not in self.notes:
