@@ -2,6 +2,7 @@
 
 from etendue.errors import EtendueError, Fault, PluginError, RequestError
 from etendue.hookspecs import hookimpl
+from etendue.labelled import labelled
 from etendue.spec.camera import quantity
 from etendue.spec.capabilities import Banded, Bounded, Probe, Source, Summed, Transfer, Viewed, moves_light
 from etendue.spec.facts import UNKNOWN, Facts
@@ -13,6 +14,6 @@ from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
     "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "EtendueError", "Facts", "Fault", "Grid", "Labels", "Line",
-    "PluginError", "Probe", "RequestError", "Source", "Stage", "Summed", "Transfer", "Viewed", "ends", "fitted", "hookimpl",
+    "PluginError", "Probe", "RequestError", "Source", "Stage", "Summed", "Transfer", "Viewed", "ends", "fitted", "hookimpl", "labelled",
     "measured", "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip
