@@ -79,3 +79,8 @@ def test_every_hook_and_every_word_of_a_variable_is_in_the_guide():
         assert f"`etendue_{what}`" in TEXT
     row = next(line for line in TEXT.splitlines() if line.startswith("| `etendue_variables`"))
     assert [word for word in variables.Variable.__dataclass_fields__ if f"`{word}`" not in row] == []
+
+
+def test_the_stage_on_labels_loads_and_keeps_the_laws(package):
+    registry = package("my_camera", my_camera=block("@labelled"))
+    assert check_stage(registry.load("vignette")(loss=0.3)) == []

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.plan.model import CellRef, Plan
-from etendue.spec.ports import COUNTED, CellReport
+from etendue.spec.ports import CellReport
 from etendue.spec.variables import variable
 
 Table = dict[str, Any]
@@ -130,18 +130,15 @@ def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     return {"arrays": arrays, "attrs": {"title": "one row per stage"}}
 
 
-def floored(plan: Plan, reports: Mapping[CellRef, CellReport], ending: str = "_floored") -> list[str]:
-    """A sentence for each stage that lifted something to a floor, such as vanishing channels of a white.
-
-    Such stages count it in variables named ``*_floored``; those named ``*_saturated`` count what lies above saturation.
-    """
+def floored(plan: Plan, reports: Mapping[CellRef, CellReport], counted: str = "floored") -> list[str]:
+    """A sentence for each stage with a variable that counts what was lifted to a floor, or lies above saturation, and is above 0."""
     texts = []
     for node in plan.nodes:
-        if not any(v.endswith(ending) for v in node.writes):
+        if not any(variable(v).counted == counted for v in node.writes):
             continue
         counts = [r.floored for ref, r in reports.items() if ref[0] == node.name and r.floored > 0]
         if counts:
-            what = " and ".join(variable(v).long_name for v in node.writes if v.endswith(ending))
+            what = " and ".join(variable(v).long_name for v in node.writes if variable(v).counted == counted)
             texts.append(f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} in a cell")
     return texts
 
@@ -154,7 +151,7 @@ def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[t
         node = plan.node(ref[0])
         for name, array in values.items():
             declaration = node.writes[name]
-            if declaration.dims in ((), ("stage",)) and np.size(array) and name != "clipping_level" and not name.endswith(COUNTED):
+            if declaration.dims in ((), ("stage",)) and np.size(array) and name != "clipping_level" and not variable(name).counted:
                 value = float(np.ravel(array)[-1])
                 at = ""
                 if declaration.dims:

@@ -228,7 +228,7 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "stays": outcome.stay,
         "mended": outcome.mended,
         "floored": floored(outcome.plan, outcome.reports),
-        "overexposed": floored(outcome.plan, outcome.reports, "_saturated"),
+        "overexposed": floored(outcome.plan, outcome.reports, "overexposed"),
         "failures": [
             {
                 "cell": [r.stage, outcome.plan.labels(ref := (r.stage, r.index))],
@@ -304,7 +304,7 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
     for text in floored(outcome.plan, outcome.reports):
         console.print(f"floored: {escape(text)}", soft_wrap=True)
-    for text in floored(outcome.plan, outcome.reports, "_saturated"):
+    for text in floored(outcome.plan, outcome.reports, "overexposed"):
         console.print(f"overexposed: {escape(text)}; what is clipped is shown as white", soft_wrap=True)
     for report in outcome.failed[:5]:
         ref = (report.stage, report.index)

@@ -24,7 +24,8 @@ from etendue.run.mapped import one_by_one
 from etendue.run.ownership import as_array, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
 from etendue.spec.capabilities import is_transfer
-from etendue.spec.ports import COUNTED, CellReport
+from etendue.spec.ports import CellReport
+from etendue.spec.variables import variable as known
 from etendue.telling import plain, told
 
 
@@ -119,7 +120,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
-        floored = sum(float(np.nansum(arrays[v])) for v in arrays if v.endswith(COUNTED))
+        floored = sum(float(np.nansum(arrays[v])) for v in arrays if known(v).counted)
         return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
     except (MachineError, ArchiveInUse):
         raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run

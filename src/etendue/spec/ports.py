@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from etendue.plan.model import Cell, CellRef, Plan
     from etendue.plan.resume import Work
 
-COUNTED = ("_floored", "_saturated")  # ends of the names of variables that the end of a run speaks of where they are above 0
-
 
 @dataclass(frozen=True)
 class Written:
@@ -49,7 +47,7 @@ class CellReport:
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
-    floored: float = 0.0  # sum of the variables whose names end in COUNTED
+    floored: float = 0.0  # sum of the variables that are counted
 
 
 class Progress(Protocol):

@@ -16,6 +16,7 @@ _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?
 DTYPES = ("float", "uint8", "uint16", "uint32")
 
 SHOWN = ("", "linear", "encoded", "map")
+COUNTED = ("", "floored", "overexposed")
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Variable:
     ``encoded`` values for a display, as they are; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as
     white, None: what is bright in the first picture; variables with one ``scale`` share what is bright in the last of them. ``black``
     is a camera quantity that stands for nothing. ``range`` has both ends of a map, None: its own; ``log``: in equal ratios.
+    ``counted``: where it is above 0, the end of a run says that something was lifted to a floor, or lies above saturation.
     """
 
     long_name: str = ""
@@ -36,8 +38,11 @@ class Variable:
     black: str = ""
     range: tuple[float, float] | None = None
     log: bool = False
+    counted: str = ""
 
     def __post_init__(self) -> None:
+        if self.counted not in COUNTED:
+            raise ValueError(f"counted is {self.counted!r}; allowed are {', '.join(map(repr, COUNTED))}")
         if self.shown not in SHOWN:
             raise ValueError(f"shown is {self.shown!r}; allowed are {', '.join(map(repr, SHOWN))}")
         if self.range is not None and not (len(self.range) == 2 and self.range[0] < self.range[1]):
