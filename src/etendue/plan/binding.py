@@ -114,12 +114,11 @@ def _mapped(
     every = []
     for one, bound in zip(made, inputs, strict=True):
         reads = reads_of(one.kind)
-        found = [
-            reads[port].mapped(by_name[source].writes[v].dims) if port in reads else by_name[source].writes[v].dims
-            for port, source, v in bound
-        ]
+        found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
         leading = sorted({dims for dims in found if dims}, key=len)
         dims = leading[-1] if leading else ()
+        own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
+        dims = (*(dim for dim in own if dim not in dims), *dims)  # a quantity with a value for each frame, of planes: frames of planes
         if any([dim for dim in dims if dim in few] != list(few) for few in leading):
             shown = " and ".join(" ".join(dims) for dims in leading)
             request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")

@@ -59,6 +59,7 @@ _Q: dict[str, tuple[Any, dict[str, Any]]] = {
         "RGGB",
         dict(
             table=True,
+            along="channel",
             doc="colour filter array, first row first: RGGB, BGGR, GRBG, GBRG, quad-RGGB and its orders, RGBW, X-Trans, RCCC, mono, "
             "rows of letters such as 'RG/GB', or the path of a .csv file with such rows",
         ),

@@ -12,7 +12,7 @@ engine looks for them by name and treats their absence as "not known":
     constants(self, prepared) -> {variable: array}       sources with by_band: what they write that has no place
     segment_error(self, before, grid, precision)         an end of a segment: its error behind the stages joined before it
     warn(self, facts, grids) -> [text]                   what a user should know about these values
-    warn_among(self, uses) -> [text]                     the same, about the other stages of the pipeline (their names)
+    warn_among(self, kinds) -> [text]                    the same, about the stages of the pipeline: {name: class}; ask for roles and bases
     assumes(self) -> {what: value}                       what it takes for granted of things that other stages take for granted too;
                                                          where a stage in front of it has another value, the plan notes it
     run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import XYZ, Grid, Labels, Stage, fitted, hookimpl, measured, param, quantity
+from etendue.api import XYZ, Adapting, Grid, Labels, Stage, fitted, hookimpl, measured, param, quantity
 from etendue.physics.colour import matrices
 from etendue.physics.mosaic import white_balance
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -176,7 +176,7 @@ class CameraToXyz(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Balance(Stage):
+class Balance(Adapting):
     """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
 
     A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to ``floor`` and counted

@@ -11,7 +11,7 @@ among itself (``sharpen.use``); see decision 0023.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -22,6 +22,7 @@ from etendue.api import hookimpl, param, quantity
 from etendue.physics.light import sampling
 from etendue.physics.resolution import restoration_gain
 from etendue.physics.restoration import deconvolution, sharpening
+from etendue.spec.stage import is_transfer, reads_of, writes_of
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.restoration.sharpening import Laplacian, UnsharpMask
 
@@ -29,7 +30,7 @@ BLOCK = 4_000_000  # values of transfer functions held at once
 LOOKS = {"rgb_camera": "channel y x [1]", "transfers": "*.transfer [1]"}
 PICTURE = {"rgb_camera": "channel y x [1]"}
 FIGURES = {**PICTURE, "mtf50_gain": "[1] nan", "noise_gain": "[1] nan"}
-NO_TRANSFER = ("aberrations", "lens_psf_field", "distortion", "real_lens", "real_lens_distortion")  # they move light by its place
+LIGHT = "irradiance"
 NO_FIGURES = "; mtf50_gain and noise_gain are NaN"
 
 
@@ -103,9 +104,10 @@ def figures(system: System, response: Callable[[Any], Any], noise_gain: float) -
     return {"mtf50_gain": np.array(gain), "noise_gain": np.array(noise_gain)}
 
 
-def unknown_blur(uses: Iterable[str], so: str) -> list[str]:
+def unknown_blur(kinds: Any, so: str) -> list[str]:
     """The warning of a stage that knows the camera by its transfer functions, where light is moved by something else."""
-    found = [use for use in NO_TRANSFER if use in uses]
+    lit = {name: kind for name, kind in kinds.items() if all(any(d.variable == LIGHT for d in of(kind).values()) for of in (reads_of, writes_of))}
+    found = [name for name, kind in lit.items() if not (kind.pointwise or is_transfer(kind))]
     return [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
 
 
@@ -146,8 +148,8 @@ class Inverse(KnownNoise):
     def system(self, transfers: Any, picture: Any) -> System:
         return System.of(transfers, len(picture), self.pixel_pitch, self.nodes)
 
-    def warn_among(self, uses: Iterable[str]) -> list[str]:
-        return unknown_blur(uses, "only the blur of other stages is undone" + self.without_figures)
+    def warn_among(self, kinds: Any) -> list[str]:
+        return unknown_blur(kinds, "only the blur of other stages is undone" + self.without_figures)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,8 +311,8 @@ class RestoreLaplacian(Laplacian):
         found = figures(system, response, sharpening.noise_gain(self.strength))
         return {"rgb_camera": sharpening.sharpen(rgb_camera, self.strength), **found}
 
-    def warn_among(self, uses: Iterable[str]) -> list[str]:
-        return unknown_blur(uses, "mtf50_gain is NaN")
+    def warn_among(self, kinds: Any) -> list[str]:
+        return unknown_blur(kinds, "mtf50_gain is NaN")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,8 +333,8 @@ class RestoreUnsharp(UnsharpMask):
         found = figures(system, response, sharpening.unsharp_noise_gain(self.radius, self.amount))
         return {"rgb_camera": sharpening.unsharp(rgb_camera, self.radius, self.amount, self.threshold), **found}
 
-    def warn_among(self, uses: Iterable[str]) -> list[str]:
-        return unknown_blur(uses, "mtf50_gain is NaN")
+    def warn_among(self, kinds: Any) -> list[str]:
+        return unknown_blur(kinds, "mtf50_gain is NaN")
 
 
 def _beside(frequency: Any) -> Any:

@@ -12,10 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Line, Stage, hookimpl, param, quantity
+from etendue.api import Facts, Grid, InSilicon, Labels, Line, hookimpl, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
+from etendue.spec.roles import CROSSTALK
 from etendue.spec.stage import has_method
 from etendue.stages.sensor.sensitivity import (
     FLAT,
@@ -29,7 +30,7 @@ from etendue.stages.sensor.sensitivity import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffusion(Stage):
+class Diffusion(InSilicon):
     """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
 
     role: ClassVar = "diffusion"
@@ -194,8 +195,8 @@ class Pixel(Collecting):
             *self._charge_under_other_filters(facts, grids),
         ]
 
-    def warn_among(self, uses: frozenset[str]) -> list[str]:
-        if self.crosstalk != "through_filter" or "crosstalk" in uses:
+    def warn_among(self, kinds: Any) -> list[str]:
+        if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in kinds.values()):
             return []
         return ["crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at all"]
 
