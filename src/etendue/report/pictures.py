@@ -23,7 +23,7 @@ from etendue.physics.colour.encoding import srgb_encode
 from etendue.physics.scene.resampling import area_weights
 from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.spec.stage import has_method
+from etendue.spec.roles import Adapting
 
 LARGEST = 256
 SHOWN = (
@@ -61,7 +61,7 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         planes = _fitted(np.asarray(array, dtype=np.float32)).astype(np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
             matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
-            white = cell.stage.viewing_white() if has_method(type(cell.stage), "viewing_white") else None  # type: ignore[attr-defined]
+            white = cell.stage.viewing_white() if isinstance(cell.stage, Adapting) else None
             if white is not None:  # shown as its viewer sees it, not as it would look beside a D65 white
                 seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
                 matrix = matrix @ seen
@@ -96,7 +96,7 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                 continue
             kind = variable if variable not in ("charge", "expected_charge") else "charge"
             array = arrays[cell.ref][variable]
-            for _ in node.mapped:  # of several frames the one in the middle
+            for _ in [dim for dim in node.mapped if dim != "channel"]:  # of several frames the one in the middle; planes are a picture
                 array = array[len(array) // 2]
             kinds.setdefault(kind, []).append((cell, variable, array))
             order.append((cell, variable, array, kind))

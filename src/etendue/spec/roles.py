@@ -13,7 +13,7 @@ from etendue.spec.stage import Stage
 
 LENS = ("lens", "distortion", "glare", "low-pass filter")  # what spreads or moves light in front of the sensor
 DISTORTION = "distortion"
-RESTORING = ("", "sharpening", "denoising")  # what betters a picture; '' says nothing
+RESTORING = ("", "sharpening", "denoising", "defect correction")  # what betters a picture; "" says nothing
 SHADING = "shading correction"
 CROSSTALK = "crosstalk"
 FULL_WELL = "full well"

@@ -28,7 +28,8 @@ from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import has_method, is_source, is_transfer
+from etendue.spec.roles import Adapting
+from etendue.spec.stage import is_source, is_transfer
 from etendue.studies import edge
 from etendue.studies.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
 from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
@@ -127,7 +128,7 @@ def compare(
     at.pop(asked.key, None)
     nodes = nodes_of(base, registry)
     if expected:
-        base = noise_free(base, nodes)
+        base = noise_free(base, nodes, registry)
         nodes = nodes_of(base, registry)
     if asked.stage and asked.stage not in [n.name for n in nodes]:
         what = "expected values take no part of it" if expected else "nothing that is computed depends on it"
@@ -363,7 +364,7 @@ def _viewing_white(reader: _Reader, branched: Branched, position: int) -> Any:
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
-    white = stage.viewing_white() if has_method(type(stage), "viewing_white") else None  # type: ignore[attr-defined]
+    white = stage.viewing_white() if isinstance(stage, Adapting) else None
     if white is None:
         white = reader.of(("white_xyz", writer(branched.nodes, "white_xyz")), position)
     return np.asarray(xyz_from_xy(D65_XY) if white is None else white, dtype=np.float64)
