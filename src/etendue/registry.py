@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -18,6 +19,8 @@ from etendue.errors import PluginError
 from etendue.interrupts import is_ours
 from etendue.spec.stage import Stage, arguments_of, check_class, parameters_of, reads_of, writes_of
 from etendue.telling import here, plain, said
+
+OWN = "etendue"  # the distribution of the package
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,25 @@ class Registry:
         """The distributions that offer this name, when more than one does."""
         points = self._points.get(name, [])
         return [point.dist.name if point.dist else "?" for point in points] if len(points) > 1 else []
+
+    def find(self, fits: Callable[[type[Stage]], bool]) -> str:
+        """The first stage of which something holds, those of the package before others; '' where there is none that can be loaded."""
+        for name in sorted(self._points, key=lambda name: (self.installed(name).distribution != OWN, name)):
+            try:
+                if not self.clash(name) and fits(self.load(name)):
+                    return name
+            except PluginError:
+                continue
+        return ""
+
+    def maker(self, variable: str) -> str:
+        """A stage that writes a variable without reading it; '' where there is none."""
+
+        def makes(kind: type[Stage]) -> bool:
+            written, read = ({d.variable for d in found(kind).values()} for found in (writes_of, reads_of))
+            return variable in written - read
+
+        return self.find(makes)
 
     def installed(self, name: str) -> Installed:
         known = self._installed.get(name)

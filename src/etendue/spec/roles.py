@@ -15,6 +15,7 @@ LENS = ("lens", "distortion", "glare", "low-pass filter")  # what spreads or mov
 DISTORTION = "distortion"
 RESTORING = ("", "sharpening", "denoising", "defect correction")  # what betters a picture; "" says nothing
 SHADING = "shading correction"
+BALANCE = "white balance"  # behind it white is equal in all channels
 CROSSTALK = "crosstalk"
 FULL_WELL = "full well"
 REFERENCE = "reference"  # stages that only stand where a study puts them: never an alternative to others

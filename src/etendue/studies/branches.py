@@ -99,7 +99,8 @@ def noise_free(pipeline: Pipeline, nodes: tuple[Node, ...], registry: Registry) 
     if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
         return pipeline
     use = installed.reference(registry, CHARGE, MOSAIC, ("y", "x"))
-    return replace(pipeline, stages=tuple(StageEntry(e.name, use, {}, {}, e.place) if e.name == linear.name else e for e in pipeline.stages))
+    entries = (StageEntry(e.name, use, {}, {}, e.place) if e.name == linear.name else e for e in pipeline.stages)
+    return replace(pipeline, stages=tuple(entries))
 
 
 def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:

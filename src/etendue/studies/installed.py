@@ -1,31 +1,17 @@
 """Stages that a study puts into a pipeline itself, found among the installed ones by what they are, never by name.
 
 In:  a registry; a role with what is read and written, or a typed base.
-Out: the name under which such a stage is installed. Those of the package come first: where nothing else is asked for, they serve.
+Out: the name under which such a stage is installed. Those of the package come first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from etendue.errors import PluginError, RequestError
+from etendue.errors import RequestError
 from etendue.registry import Registry
 from etendue.spec.roles import REFERENCE
 from etendue.spec.stage import reads_of, writes_of
-
-OWN = "etendue"
-
-
-def find(registry: Registry, fits: Callable[[Any], bool]) -> str:
-    """The first stage of which something holds; '' where there is none. One that cannot be loaded is none."""
-    for name in sorted(registry.names(), key=lambda name: (registry.installed(name).distribution != OWN, name)):
-        try:
-            if not registry.clash(name) and fits(registry.load(name)):
-                return name
-        except PluginError:
-            continue
-    return ""
 
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
@@ -35,7 +21,7 @@ def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[
         read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]
         return bool(kind.role == role and read) and any(d.variable == writes for d in writes_of(kind).values())
 
-    return find(registry, fits)
+    return registry.find(fits)
 
 
 def made_for(registry: Registry, base: type) -> str:
@@ -46,7 +32,7 @@ def made_for(registry: Registry, base: type) -> str:
     RequestError
         None is installed.
     """
-    name = find(registry, lambda kind: issubclass(kind, base))
+    name = registry.find(lambda kind: issubclass(kind, base))
     if not name:
         raise RequestError(f"no installed stage is a {base.__name__}: {(base.__doc__ or '').strip()}")
     return name

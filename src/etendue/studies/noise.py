@@ -5,10 +5,11 @@ Out: for each stage behind the linearised mosaic the standard deviation of every
      between neighbours: predicted from the camera's own figures and found in frames of noise.
 
 Prediction: the variance of a pixel of the mosaic follows from what the stages in front of it say of their noise (`Noisy`: shot noise,
-read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later stages make of it follows from what they answer to a small step of one pixel at each place of the colour filter array, so that it
-holds for any stage, plugins too; answers and variances are taken at several places of the frame, as a correction of shading has its own
-gain at each. The prediction is linear about the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to
-real noise as well, and then the two columns differ. Defective pixels are left out: they are no noise.
+read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later stages make of it follows from what they
+answer to a small step of one pixel at each place of the colour filter array, so that it holds for any stage, plugins too; answers and
+variances are taken at several places of the frame, as a correction of shading has its own gain at each. The prediction is linear about
+the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to real noise as well, and then the two columns
+differ. Defective pixels are left out: they are no noise.
 """
 
 from __future__ import annotations

@@ -26,8 +26,6 @@ from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
 from etendue.spec.roles import Displaying
-from etendue.spec.stage import writes_of
-from etendue.studies import installed
 from etendue.studies.files import check_folder, finite, write_whole
 from etendue.studies.ideal import Ideal, ideal_of
 from etendue.studies.quality_figures import FLAT_SIZES, UNITS, Shot, figures
@@ -256,9 +254,7 @@ def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
     )
     known = [np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None]  # of the first frame
     time = next((float(one) for one in reversed(times) if one is not None and np.ndim(one) == 0), None)
-    return Shot(
-        **pictures, gains=np.prod(known, axis=0) if known else None, time=time, to_xyz=_display_matrix(outcome.plan, place)
-    )
+    return Shot(**pictures, gains=np.prod(known, axis=0) if known else None, time=time, to_xyz=_display_matrix(outcome.plan, place))
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
@@ -282,7 +278,7 @@ def _notes(result: Comparison, plan: Plan, flats: int, registry: Registry) -> li
         )
     for variable in ("mean_snr", "dr_emva"):
         if done and _writer(plan, variable) is None:
-            stage = installed.find(registry, lambda kind, own=variable: own in {d.variable for d in writes_of(kind).values()})
+            stage = registry.maker(variable)
             notes.append(f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known")
     return notes
 

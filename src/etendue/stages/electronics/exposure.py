@@ -14,7 +14,6 @@ import numpy as np
 
 from etendue.api import Facts, Grid, Noisy, Stage, ends, hookimpl, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
-from etendue.stages.electronics.gain_chain import full_well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +136,7 @@ class FullWell(Stage):
     full_well_density: float = quantity("full_well_density")
 
     def capacity(self) -> float:
-        return full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+        return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
 
     def run(self, charge: Any) -> dict[str, Any]:
         return {"charge": np.minimum(charge, charge.dtype.type(self.capacity()))}

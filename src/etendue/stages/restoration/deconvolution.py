@@ -30,7 +30,6 @@ BLOCK = 4_000_000  # values of transfer functions held at once
 LOOKS = {"rgb_camera": "channel y x [1]", "transfers": "*.transfer [1]"}
 PICTURE = {"rgb_camera": "channel y x [1]"}
 FIGURES = {**PICTURE, "mtf50_gain": "[1] nan", "noise_gain": "[1] nan"}
-LIGHT = "irradiance"
 NO_FIGURES = "; mtf50_gain and noise_gain are NaN"
 
 
@@ -106,8 +105,9 @@ def figures(system: System, response: Callable[[Any], Any], noise_gain: float) -
 
 def unknown_blur(kinds: Any, so: str) -> list[str]:
     """The warning of a stage that knows the camera by its transfer functions, where light is moved by something else."""
-    lit = {name: kind for name, kind in kinds.items() if all(any(d.variable == LIGHT for d in of(kind).values()) for of in (reads_of, writes_of))}
-    found = [name for name, kind in lit.items() if not (kind.pointwise or is_transfer(kind))]
+    moving = {name: kind for name, kind in kinds.items() if not (kind.pointwise or is_transfer(kind))}
+    light = [{d.variable for d in reads_of(kind).values()} & {d.variable for d in writes_of(kind).values()} for kind in moving.values()]
+    found = [name for name, both in zip(moving, light, strict=True) if "irradiance" in both]
     return [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
 
 

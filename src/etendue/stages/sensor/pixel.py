@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, InSilicon, Labels, Line, hookimpl, param, quantity
+from etendue.api import Facts, Grid, InSilicon, Labels, Line, Stage, hookimpl, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
