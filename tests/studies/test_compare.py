@@ -7,7 +7,6 @@ import re
 import shlex
 from dataclasses import replace
 from decimal import Decimal
-from importlib.metadata import EntryPoint
 from io import BytesIO
 from pathlib import Path
 
@@ -17,11 +16,9 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from etendue import hookspecs
 from etendue.cli import _number, main
 from etendue.physics.colour import difference
 from etendue.physics.field.psf_bank import PsfBank
-from etendue.registry import Registry, installed_stages
 from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
 from etendue.session import Options
@@ -33,6 +30,7 @@ from etendue.studies.branches import nodes_of
 from etendue.studies.compare import Comparison, Row, compare, ranked
 from etendue.studies.figures import colour_figures
 from etendue.studies.ranking import document, print_comparison
+from tests.studies import alternatives
 
 SMALL = """
 name = "small"
@@ -125,14 +123,7 @@ def rows_of(axis, found=None, expected=False, edges=False, **changes):
 @pytest.fixture
 def registry(monkeypatch):
     """The installed stages, and a third party's."""
-    from tests.studies import alternatives
-
-    known = installed_stages()
-    points = dict(known._points)
-    for name in alternatives.STAGES:
-        points[name] = [EntryPoint(name, "tests.studies.alternatives", hookspecs.GROUP)]
-    points["cannot_load"] = [EntryPoint("cannot_load", "tests.studies.no_such_module", hookspecs.GROUP)]
-    mine = Registry(points)
+    mine = alternatives.registry()
     monkeypatch.setattr("etendue.studies.compare.installed_stages", lambda: mine)
     return mine
 
@@ -140,8 +131,8 @@ def registry(monkeypatch):
 # -- what is measured -------------------------------------------------------------------------------------------
 
 
-def test_the_reference_compared_with_itself_is_perfect():
-    rows, _ = rows_of('demosaic.use=demosaic_bilinear,{ use = "full_planes", label = "itself" }', edges=True)
+def test_the_reference_compared_with_itself_is_perfect(registry):
+    rows, _ = rows_of('demosaic.use=demosaic_bilinear,{ use = "perfect", label = "itself" }', edges=True)
     itself = rows["itself"]
     assert (itself.psnr, itself.rmse, itself.psnr_encoded) == (math.inf, 0.0, math.inf)
     assert (itself.delta_e, itself.zipper, itself.false_colour) == (0.0, 0.0, 0.0)
@@ -200,8 +191,8 @@ def test_mtf50_of_the_reference_is_that_of_lens_and_pixel():
     assert rows["demosaic_bilinear"].mtf50_reference == pytest.approx(brentq(half, 0.1, 0.9), rel=0.004)
 
 
-def test_a_sharpening_is_held_against_the_picture_that_did_not_need_it():
-    ideal = pipeline(('use = "demosaic_bilinear"', 'use = "full_planes"'))
+def test_a_sharpening_is_held_against_the_picture_that_did_not_need_it(registry):
+    ideal = pipeline(('use = "demosaic_bilinear"', 'use = "perfect"'))
     rows, result = rows_of("sharpen.strength=0,0.3", ideal, edges=True)
     assert result.without == "sharpen"
     assert rows["0"].psnr == math.inf
@@ -235,7 +226,7 @@ def test_of_a_sweep_the_cameras_own_values_hold_else_the_first_and_both_are_name
     assert document(result)["first_of_sweep"] == ["sharpen.strength"]
 
 
-def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
+def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(registry, monkeypatch):
     seen = []
 
     def spy(picture, reference, white):
@@ -243,7 +234,7 @@ def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
         return colour_figures(picture, reference, white)
 
     monkeypatch.setattr("etendue.studies.compare.colour_figures", spy)
-    ideal = ('use = "demosaic_bilinear"', 'use = "full_planes"')
+    ideal = ('use = "demosaic_bilinear"', 'use = "perfect"')
     rows_of("balance.target=D65,A", pipeline(ideal, scene="uniform"))
     unbalanced = pipeline(ideal, ('[[stages]]\nuse = "balance"\n', ""), scene="uniform", camera='illuminant = "A"')
     rows_of("demosaic.use", unbalanced)
@@ -252,14 +243,14 @@ def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
         assert np.hypot(*lab[1:]).max() < 3
 
 
-IDEAL = ('use = "demosaic_bilinear"', 'use = "full_planes"')
+IDEAL = ('use = "demosaic_bilinear"', 'use = "perfect"')
 
 
 @pytest.mark.parametrize(
     "axis",
     ["display.display=sRGB,Display P3", "balance.target=D65,A", "encode.encoding=sRGB,power", 'display.use={use="display",label="a"}'],
 )
-def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(axis):
+def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(axis, registry):
     rows, result = rows_of(axis, pipeline(IDEAL))
     assert result.own_reference
     for row in rows.values():
@@ -311,10 +302,7 @@ def test_where_the_scene_is_the_axis_it_is_said_that_no_edge_can_take_its_place(
 
 
 def test_a_time_that_is_metered_serves_the_reference_too():
-    found = pipeline(
-        ('use = "exposure"', 'use = "exposure_metered"'), ('use = "white"', 'use = "white_metered"'),
-        ('integration_time = "4 ms"\n', ""), scene="uniform",
-    )  # fmt: skip
+    found = pipeline(('integration_time = "4 ms"\n', ""), scene="uniform", wandering='[[stages]]\nuse = "meter"')
     rows, _ = rows_of("demosaic.use=demosaic_bilinear", found, expected=True)
     assert rows["demosaic_bilinear"].psnr > 200
 
@@ -357,7 +345,7 @@ def test_a_stage_that_is_swept_under_the_name_of_its_variable_is_compared():
 def test_every_installed_stage_that_fits_is_taken_plugins_included(registry):
     rows, result = rows_of("demosaic.use")
     assert {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_any", "grey"} <= set(rows)
-    assert not {"reads_more", "full_planes", "sharpen"} & set(rows)
+    assert not {"reads_more", "perfect", "no_demosaicing", "sharpen"} & set(rows)
     assert any("not looked at" in note and "cannot_load" in note for note in result.notes)
 
 
@@ -606,8 +594,8 @@ def test_an_axis_is_read_as_it_would_stand_in_a_file(text, values):
     assert parse_axis(text, _number) == Asked(text.partition("=")[0], values)
 
 
-def test_document_says_inf_where_there_is_no_end():
-    _, result = rows_of('demosaic.use={ use = "full_planes", label = "itself" }')
+def test_document_says_inf_where_there_is_no_end(registry):
+    _, result = rows_of('demosaic.use={ use = "perfect", label = "itself" }')
     text = json.dumps(document(result), allow_nan=False)
     assert json.loads(text)["rows"][0]["psnr"] == "inf"
     assert_allclose(json.loads(text)["rows"][0]["rmse"], 0.0)
