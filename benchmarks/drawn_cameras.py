@@ -328,20 +328,20 @@ class Drawn:
         faulty = self.chance(0.15)
         if faulty:
             self.add("defects", "defects", file=None)
-        self.metered = self.chance(0.15)
-        if self.metered:
+        metered = self.chance(0.15)
+        if metered:
             self.camera.pop("integration_time", None)
+        self.maybe(float(metered), "meter", "meter")
         if self.chance(0.7):
             self.read_out()
         else:  # expected values: without noise and rounding
-            self.maybe(float(self.metered), "expose", "exposure_metered")
-            self.add("ideal", "ideal_mosaic_metered" if self.metered else "ideal_mosaic")
+            self.add("ideal", "ideal_mosaic")
         if faulty and self.chance(0.7):
             self.add("correct", self.one_of(("correct_defects", "correct_found_defects")))
         self.maybe(0.1, "shading", "lens_shading", map="model", table=None, model=self.one_of(("cos4", "disc")), **self.rim())
 
     def read_out(self) -> None:
-        self.add("expose", "exposure_metered" if self.metered else "exposure")
+        self.add("expose", "exposure")
         self.add("shot", "shot_noise")
         self.maybe(0.9, "well", "full_well")
         self.maybe(0.9, "read", "read_noise")
@@ -351,7 +351,7 @@ class Drawn:
         self.add("linear", "linearise")
 
     def picture(self) -> None:
-        self.add("white", "white_metered" if self.metered else "white")
+        self.add("white", "white")
         if self.chance(0.1):
             gains = [self.between(0.2, 5) for _ in self.letters]
             self.add("estimate", "white_estimate", 0.0, method="preset", gains=gains)
@@ -369,11 +369,10 @@ class Drawn:
         self.add("display", "display", display=display)
         self.add("encode", "encode")
         self.maybe(0.3, "to_xyz", "to_xyz")
-        end = "_metered" if self.metered else ""
         noisy = any(stage["name"] == "convert" for stage in self.stages)
         measures = (
-            f"dynamic_range{end}",
-            f"exposure_numbers{end}",
+            "dynamic_range",
+            "exposure_numbers",
             *["exposure_report"] * noisy,
             "lens_numbers",
             "pixel_numbers",

@@ -73,12 +73,10 @@ def holding(use: str, extra: dict[str, Any]) -> dict[str, Any]:
         return replace("demosaic_colour_difference")
     if use in LENSES:
         return replace("diffraction")
-    if use == "exposure_series" or use == "white_estimate":
-        return replace({"exposure_series": "exposure", "white_estimate": "white"}[use])
-    if use.endswith("_metered"):
-        for old in ("exposure", "white", "dynamic_range"):
-            stages[uses.index(old)] = {"use": f"{old}_metered", "name": old, **(extra if use == f"{old}_metered" else {})}
-        document["stages"] = [stage for stage in stages if stage["use"] != "exposure_report"]
+    if use == "white_estimate":
+        return replace("white")
+    if use in ("meter", "bracket"):
+        stages.insert(uses.index("exposure"), {"use": use, **extra})
         return document
     if use == "crosstalk":
         document["camera"]["crosstalk"] = "through_filter"

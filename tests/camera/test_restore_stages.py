@@ -20,11 +20,9 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.run.otf import Otf
 from etendue.spec.pipeline import from_document
-from etendue.spec.stage import is_transfer
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.optics.lens import Diffraction
 from etendue.stages.restoration.deconvolution import (
-    NO_TRANSFER,
     RestoreLaplacian,
     RestoreRichardsonLucy,
     RestoreUnsharp,
@@ -32,6 +30,7 @@ from etendue.stages.restoration.deconvolution import (
     RichardsonLucy,
     System,
     Wiener,
+    unknown_blur,
 )
 from etendue.stages.restoration.sharpening import Sharpen, Unsharp
 from etendue.stages.sensor.pixel import Diffusion, Pixel
@@ -280,6 +279,9 @@ def place(picture):
     return slanted_edge.slanted_edge(np.asarray(picture, dtype=float)[1]).place
 
 
+PLANES = [{"use": "no_mask"}, {"use": "ideal_mosaic", "clip": False}, {"use": "no_demosaicing"}]
+
+
 @pytest.mark.parametrize("use", [*WITH_FIGURES[2:], "wiener", "richardson_lucy"])
 def test_where_a_pixel_sees_beside_its_middle_the_edge_is_put_back_in_its_place(use):
     """A transfer function with a phase: undone by its conjugate, not doubled."""
@@ -287,11 +289,11 @@ def test_where_a_pixel_sees_beside_its_middle_the_edge_is_put_back_in_its_place(
     document = {
         **CAMERA,
         "camera": CAMERA["camera"] | {"f_number": 16.0, "aperture_fraction": 0.36, "integration_time": 1e-3},  # nothing folds
-        "stages": [*CAMERA["stages"][:4], {"use": "full_planes"}, {"use": use, "name": "restored", **options}],
+        "stages": [*CAMERA["stages"][:4], *PLANES, {"use": use, "name": "restored", **options}],
         "sweep": {"aperture_offset_x": [0.0, 0.2]},
     }
-    found = etendue.simulate(document, want=["full_planes.rgb_camera", "restored.rgb_camera"])
-    (still, moved), (right, back) = ([place(one) for one in found[name].rgb_camera.values] for name in ("full_planes", "restored"))
+    found = etendue.simulate(document, want=["no_demosaicing.rgb_camera", "restored.rgb_camera"])
+    (still, moved), (right, back) = ([place(one) for one in found[name].rgb_camera.values] for name in ("no_demosaicing", "restored"))
     assert moved == pytest.approx(still - 0.2, abs=1e-3)  # the measure errs by 3e-4
     within = 1e-3 if "wiener" in use else 0.03  # at a hard edge Richardson-Lucy is not linear, and ten iterations are not the end
     assert back == pytest.approx(right, abs=within)
@@ -327,12 +329,13 @@ def test_a_plan_says_that_a_blur_is_unknown_to_the_restoration(use):
     assert warnings("diffraction") == warnings("wavefront") == []
 
 
+REAL_LENS = {"real_lens", "real_lens_distortion"}  # of a plugin that may be installed
+
+
 def test_every_installed_stage_that_moves_light_without_a_transfer_function_is_known_to_the_warning():
     registry = installed_stages()
     light = {n: k for n, k in ((n, registry.load(n)) for n in registry.names()) if "irradiance" in k.reads and "irradiance" in k.writes}
-    moving = {n for n, k in light.items() if not is_transfer(k) and not k.pointwise}
-    assert moving - {"real_lens_illumination"} == set(NO_TRANSFER) & set(light)
-    assert {"aberrations", "lens_psf_field", "distortion"} <= moving
+    assert {"aberrations", "lens_psf_field", "distortion"} == {n for n, k in light.items() if unknown_blur({n: k}, "so")} - REAL_LENS
 
 
 def test_the_example_of_a_stage_that_looks_at_the_camera_gives_a_transfer_function():

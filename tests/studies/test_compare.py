@@ -157,9 +157,19 @@ def test_of_a_uniform_scene_without_noise_every_interpolation_is_the_reference(c
     assert not any("does without" in note for note in result.notes)
 
 
-def test_what_has_no_counterpart_for_planes_is_named():
+def test_what_corrects_the_mosaic_by_another_picture_of_it_is_none_of_the_reference_and_what_needs_none_is():
+    by_map = {"wandering": '[[stages]]\nuse = "defects"', "before": '[[stages]]\nuse = "correct_defects"'}
+    _, result = rows_of("demosaic.use=demosaic_bilinear", **by_map)
+    assert any("does without correct_defects, which reads defect_map" in note for note in result.notes)
     _, result = rows_of("demosaic.use=demosaic_bilinear", before='[[stages]]\nuse = "correct_found_defects"')
-    assert any("does without correct_found_defects" in note for note in result.notes)
+    assert not any("does without" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("use", ["sharpen_mosaic", "correct_found_defects"])
+def test_what_betters_the_mosaic_is_compared_with_a_picture_that_did_not_need_it(use):
+    name, values = ("strength", "0,0.3") if use == "sharpen_mosaic" else ("threshold", "3,6")
+    _, result = rows_of(f"{use}.{name}={values}", before=f'[[stages]]\nuse = "{use}"')
+    assert (result.without, result.own_reference) == (use, False)
 
 
 def test_alternatives_are_given_the_same_mosaic_and_a_row_does_not_depend_on_its_company():
