@@ -5,9 +5,10 @@ Names, near-misses and clashes come from metadata alone; a plugin that cannot be
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -55,24 +56,18 @@ class Registry:
         points = self._points.get(name, [])
         return [point.dist.name if point.dist else "?" for point in points] if len(points) > 1 else []
 
-    def find(self, fits: Callable[[type[Stage]], bool]) -> str:
-        """The first stage of which something holds, those of the package before others; '' where there is none that can be loaded."""
+    def fitting(self, fits: Callable[[type[Stage]], bool]) -> Iterator[str]:
+        """The stages that can be loaded and of which something holds, those of the package first."""
         for name in sorted(self._points, key=lambda name: (self.installed(name).distribution != OWN, name)):
-            try:
+            with contextlib.suppress(PluginError):
                 if not self.clash(name) and fits(self.load(name)):
-                    return name
-            except PluginError:
-                continue
-        return ""
+                    yield name
 
-    def maker(self, variable: str) -> str:
-        """A stage that writes a variable without reading it; '' where there is none."""
-
-        def makes(kind: type[Stage]) -> bool:
-            written, read = ({d.variable for d in found(kind).values()} for found in (writes_of, reads_of))
-            return variable in written - read
-
-        return self.find(makes)
+    def makers(self, variable: str) -> Iterator[str]:
+        """The stages that write a variable without reading it."""
+        return self.fitting(
+            lambda kind: variable in {d.variable for d in writes_of(kind).values()} - {d.variable for d in reads_of(kind).values()}
+        )
 
     def installed(self, name: str) -> Installed:
         known = self._installed.get(name)

@@ -174,7 +174,7 @@ def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
     elif mask is not None:
         for variable in ("white", "colour_matrix"):
             if shelf.beside(frame, variable, BALANCE) is None:
-                stage = installed_stages().maker(variable)
+                stage = next(installed_stages().makers(variable), "")
                 faults.append(
                     Fault(
                         "--dng", f"the archive holds no {variable!r}: put the stage {stage!r} into the pipeline and keep it, or use --tiff"

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from etendue.errors import PluginError, nearest
+from etendue.errors import nearest
 from etendue.plan.alternatives import Entries
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
-from etendue.registry import Registry
 from etendue.spec.pipeline import StageEntry
 from etendue.spec.stage import Probe, ends_in_sum, is_transfer, looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
 
@@ -160,22 +159,10 @@ def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, port:
     """The last node before a stage that writes what it reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
     if node is None and request.whole and port not in optional_ports(one.kind):
-        writers = _writers_of(request.registry, variable)
+        writers = list(request.registry.makers(variable))[:6]
         hint = f"; put one of these before it: {', '.join(writers)}" if writers else ""
         request.fault(entry.place, f"{one.use} reads {variable}, but no earlier stage writes it{hint}")
     return node
-
-
-def _writers_of(registry: Registry, variable: str) -> list[str]:
-    found = []
-    for name in registry.names():
-        try:
-            kind = registry.load(name)
-        except PluginError:
-            continue
-        if variable in writes_of(kind) and variable not in {d.variable for d in reads_of(kind).values()}:
-            found.append(name)
-    return found[:6]
 
 
 def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]) -> Looks:

@@ -24,6 +24,7 @@ from etendue.spec.stage import Stage, ends_in_sum, is_transfer, parameters_of, r
 from etendue.studies import installed
 
 TIME = "integration_time"
+PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}  # what stands for the mosaic is written for all channels
 Kinds = Mapping[str, type[Stage] | None]
 
 
@@ -70,17 +71,21 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
         if (why and entry.name not in keep) or entry.name in without:
             out[entry.name] = why or "asked for"
     replaced = _replaced(pipeline, kinds, demosaic, registry)
-    entries: tuple[StageEntry, ...] = ()
+    entries: list[StageEntry] = []
+    own: dict[str, str] = {}  # which stage of the camera wrote last what the planes have too
     for entry in (e for e in pipeline.stages if e.name not in out):
         if entry.name == demosaic:
-            entries += _in_front(entry, entries, registry)
+            entries += _in_front(entry, registry)
         if entry.name in replaced:
-            entries += (replace(entry, use=replaced[entry.name], values={}, origin={}),)
-        else:
-            entries += (replace(entry, origin=_of_the_camera(entry, kinds, entries, registry, _origin(pipeline, entry, out))),)
+            entries.append(replace(entry, use=replaced[entry.name], values={}, origin={}))
+            continue
+        kind = kinds[entry.name]
+        bound = {port: own[d.variable] for port, d in reads_of(kind).items() if d.variable in own} if kind else {}
+        entries.append(replace(entry, origin=bound | _origin(pipeline, entry, out)))
+        own |= dict.fromkeys(_writes(kinds, entry) & PLANES, entry.name)
     ideal = replace(
         pipeline,
-        stages=entries,
+        stages=tuple(entries),
         camera=_asked_for(pipeline.camera, entries, registry),
         sweep=_asked_for(_still_there(pipeline.sweep, out, replaced), entries, registry),
         wanted=None,
@@ -126,38 +131,17 @@ def _replaced(pipeline: Pipeline, kinds: Kinds, demosaic: str, registry: Registr
     names = [entry.name for entry in pipeline.stages]
     for entry in pipeline.stages[: names.index(demosaic)]:
         kind = kinds[entry.name]
-        if kind is not None and kind.role == CROSSTALK and "photocurrent" in _reads(kinds, entry) & _writes(kinds, entry):
+        if kind is not None and kind.role == CROSSTALK and "photocurrent" in _writes(kinds, entry):
             replaced[entry.name] = installed.serving(registry, CROSSTALK, "photon_rate", "photon_rate")
     return {name: use for name, use in replaced.items() if use}
 
 
-def _in_front(demosaic: StageEntry, before: tuple[StageEntry, ...], registry: Registry) -> tuple[StageEntry, ...]:
+def _in_front(demosaic: StageEntry, registry: Registry) -> list[StageEntry]:
     """What stands in front of the demosaicer's place: light behind all filters, and its exposure without noise and clipping."""
-    taken, place = [entry.name for entry in before], f"{demosaic.place}, of the ideal camera"
-    entries: tuple[StageEntry, ...] = ()
-    for name, reads, writes, dims, values in (
-        ("ideal_planes", "photon_rate", "photocurrent", ("channel", "y", "x"), {}),
-        ("ideal_exposure", "photocurrent", "mosaic_linear", ("y", "x"), {"clip": False}),
-    ):
-        while name in taken:
-            name += "_"
-        entries += (StageEntry(name, installed.reference(registry, reads, writes, dims), values, {}, place),)
-    return entries
-
-
-def _of_the_camera(
-    entry: StageEntry, kinds: Kinds, before: tuple[StageEntry, ...], registry: Registry, origin: dict[str, str]
-) -> dict[str, str]:
-    """``from`` of a stage, so that it reads what the camera's own stages write of a mosaic, and not what stands in front of its planes."""
-    kind, own = kinds[entry.name], [e for e in before if kinds.get(e.name) is not None]
-    if kind is None:
-        return origin
-    added = {d.variable for e in before if e.name not in kinds for d in writes_of(registry.load(e.use)).values()}
-    for port, declaration in reads_of(kind).items():
-        writers = [e.name for e in own if declaration.variable in {d.variable for d in writes_of(registry.load(e.use)).values()}]
-        if port not in origin and declaration.variable in added and writers:
-            origin[port] = writers[-1]
-    return origin
+    no_mask = installed.reference(registry, "photon_rate", "photocurrent", ("channel", "y", "x"))
+    exposure = installed.reference(registry, "photocurrent", "mosaic_linear", ("y", "x"))
+    planes = StageEntry(f"{demosaic.name}_ideal_planes", no_mask, {}, {}, demosaic.place)
+    return [planes, StageEntry(f"{demosaic.name}_ideal_exposure", exposure, {"clip": False}, {}, demosaic.place)]
 
 
 def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: bool) -> list[str]:
@@ -180,11 +164,8 @@ def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: boo
 
 
 def _shading_corrected(pipeline: Pipeline, kinds: Kinds) -> bool:
-    return any(
-        kind is not None and kind.role == SHADING and "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)
-        for e in pipeline.stages
-        for kind in (kinds[e.name],)
-    )
+    correcting = [e for e in pipeline.stages if "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)]
+    return any(kind is not None and kind.role == SHADING for kind in (kinds[e.name] for e in correcting))
 
 
 # -- what stays as it was written ---------------------------------------------------------------------------------
@@ -206,7 +187,7 @@ def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mappi
     return {key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key}
 
 
-def _asked_for(values: Mapping[str, Any], entries: tuple[StageEntry, ...], registry: Registry) -> dict[str, Any]:
+def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
     """Of camera quantities those that a stage takes; keys of stages as they are."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}

@@ -21,7 +21,7 @@ def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[
         read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]
         return bool(kind.role == role and read) and any(d.variable == writes for d in writes_of(kind).values())
 
-    return registry.find(fits)
+    return next(registry.fitting(fits), "")
 
 
 def made_for(registry: Registry, base: type) -> str:
@@ -32,7 +32,7 @@ def made_for(registry: Registry, base: type) -> str:
     RequestError
         None is installed.
     """
-    name = registry.find(lambda kind: issubclass(kind, base))
+    name = next(registry.fitting(lambda kind: issubclass(kind, base)), "")
     if not name:
         raise RequestError(f"no installed stage is a {base.__name__}: {(base.__doc__ or '').strip()}")
     return name

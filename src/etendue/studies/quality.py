@@ -278,7 +278,7 @@ def _notes(result: Comparison, plan: Plan, flats: int, registry: Registry) -> li
         )
     for variable in ("mean_snr", "dr_emva"):
         if done and _writer(plan, variable) is None:
-            stage = registry.maker(variable)
+            stage = next(registry.makers(variable), "")
             notes.append(f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known")
     return notes
 
