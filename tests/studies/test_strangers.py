@@ -149,6 +149,12 @@ def test_their_lens_is_none_of_the_ideal_camera_and_their_window_is():
     assert sharp["psnr_linear"] > soft["psnr_linear"] + 1
 
 
+def test_the_ideal_camera_is_corrected_as_theirs_is():
+    flat, coloured = (quality(camera(PLAIN, flatten={"gain_of_green": gain}), strangers.registry()).rows[0] for gain in (1.0, 1.25))
+    assert abs(flat["psnr_linear"] - coloured["psnr_linear"]) < 1
+    assert flat["psnr_linear"] > 20
+
+
 def test_frames_of_a_bracket_have_planes_of_their_own(monkeypatch):
     """The reference's ideal exposure has a value for each frame and each channel: they are merged as the camera's are."""
     both = ("demosaic_bilinear", "demosaic_nearest")

@@ -12,7 +12,7 @@ stage stands in both branches, its axis reaches the reference's stage too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -115,7 +115,7 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
     if demosaic is None or light is None:
         lacking = LIGHT if light is None else CAMERA
         raise RequestError(f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for", pipeline.file)
-    made = _Reference(pipeline, nodes, key, registry)
+    made = Reference(pipeline, nodes, key, registry)
     made.planes(light, demosaic)
     made.behind(demosaic)
     twin, compared = made.twin, key.rpartition(".")[0]
@@ -136,7 +136,7 @@ def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, regist
     return Branched(branched, nodes, linear, display, colour, made.without, made.counterpart, tuple(made.notes))
 
 
-class _Reference:
+class Reference:
     """The stages of a reference while they are put together."""
 
     def __init__(self, pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> None:
@@ -144,6 +144,7 @@ class _Reference:
         self.compared, _, self.parameter = key.rpartition(".")
         self.entries = {entry.name: entry for entry in pipeline.stages}
         self.added: list[StageEntry] = []
+        self.stands: dict[str, str] = {}  # what works behind the mask -> what stands for it in front of it
         self.twin: dict[str, str] = {}  # from the demosaicer on
         self.without, self.counterpart = "", ""
         self.notes: list[str] = []
@@ -167,14 +168,14 @@ class _Reference:
         elif node.name == self.compared:
             self.notes.append(f"in the reference stands {use} as the file says, whatever the value of {self.key}")
 
-    def planes(self, light: Node, demosaic: Node) -> None:
-        """From the light to camera channels: every channel at every pixel, corrected plane by plane."""
+    def planes(self, light: Node, demosaic: Node, needless: Collection[str] = ()) -> None:
+        """From the light to camera channels: every channel at every pixel, corrected plane by plane, but for what is named as needless."""
         before = self.nodes[: self.nodes.index(demosaic)]
         source = light.name
         for node in before[self.nodes.index(light) :]:
             use = installed.serving(self.registry, node.kind.role, LIGHT, LIGHT) if node.kind.role and _changes(node, CHARGE) else ""
             if use:
-                source = self.add(node, use, {LIGHT: source})
+                source, self.stands[node.name] = self.add(node, use, {LIGHT: source}), use
                 self.follow(node, use, source)
         no_mask = installed.reference(self.registry, LIGHT, CHARGE, ("channel", "y", "x"))
         source = self.put("reference_planes", no_mask, {LIGHT: source}, {})
@@ -186,15 +187,15 @@ class _Reference:
         for node in before:
             if not _changes(node, MOSAIC):
                 continue
-            why = self.why_not(node, light)
-            if not why:
+            why = "" if node.name in needless else self.why_not(node, light)
+            if not why and node.name not in needless:
                 bound = {port: at.get((s, v), s) for port, s, v in node.inputs[0]}
                 source = self.add(node, node.alternatives[0].use, bound)
                 self.follow(node, node.alternatives[0].use, source)
                 at |= {(node.name, variable): source for variable in PLANE if variable in node.writes}
                 continue
             self.without = node.name if node.name == self.compared else self.without
-            self.notes.append(f"the reference does without {node.name}, {why}")
+            self.notes += [f"the reference does without {node.name}, {why}"] if why else []
             at |= {(node.name, v): at[s, v] for _, s, v in node.inputs[0] if v in node.writes and (s, v) in at}
         end = installed.reference(self.registry, MOSAIC, CAMERA, ("channel", "y", "x"))
         self.twin[demosaic.name] = self.put("reference", end, {MOSAIC: source}, {})

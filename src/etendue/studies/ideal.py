@@ -19,9 +19,10 @@ from typing import Any
 from etendue.errors import Fault, RequestError, nearest
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline, StageEntry
-from etendue.spec.roles import CROSSTALK, DISTORTION, LENS, SHADING, InSilicon
+from etendue.spec.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
 from etendue.spec.stage import Stage, ends_in_sum, is_transfer, parameters_of, reads_of, writes_of
-from etendue.studies import installed
+from etendue.studies.axis import without_sweep
+from etendue.studies.branches import Reference, nodes_of, writer
 
 TIME = "integration_time"
 PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}  # what stands for the mosaic is written for all channels
@@ -70,18 +71,18 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
         why = _why_out(entry, kinds, names, pixel, demosaic, shaded)
         if (why and entry.name not in keep) or entry.name in without:
             out[entry.name] = why or "asked for"
-    replaced = _replaced(pipeline, kinds, demosaic, registry)
+    made = _planes(pipeline, kinds, out, demosaic, registry)
+    last = made.added[-1]
+    replaced = {demosaic: last.use} | made.stands
     entries: list[StageEntry] = []
     own: dict[str, str] = {}  # which stage of the camera wrote last what the planes have too
-    for entry in (e for e in pipeline.stages if e.name not in out):
+    for entry in (e for e in pipeline.stages if e.name not in out and e.name not in made.stands):
         if entry.name == demosaic:
-            entries += _in_front(entry, registry)
-        if entry.name in replaced:
-            entries.append(replace(entry, use=replaced[entry.name], values={}, origin={}))
+            entries += [*made.added[:-1], replace(entry, use=last.use, values={}, origin=last.origin)]
             continue
         kind = kinds[entry.name]
         bound = {port: own[d.variable] for port, d in reads_of(kind).items() if d.variable in own} if kind else {}
-        entries.append(replace(entry, origin=bound | _origin(pipeline, entry, out)))
+        entries.append(replace(entry, origin=bound | _origin(pipeline, entry, {*out, *made.stands})))
         own |= dict.fromkeys(_writes(kinds, entry) & PLANES, entry.name)
     ideal = replace(
         pipeline,
@@ -92,7 +93,7 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
         keep=None,
         lines={},
     )
-    return Ideal(ideal, tuple(out), replaced, tuple(_notes(pipeline, kinds, out, shaded)))
+    return Ideal(ideal, tuple(out), replaced, (*_notes(pipeline, kinds, out, shaded), *made.notes))
 
 
 def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
@@ -126,22 +127,17 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
     return reads["rgb_camera"] != writes["rgb_camera"]
 
 
-def _replaced(pipeline: Pipeline, kinds: Kinds, demosaic: str, registry: Registry) -> dict[str, str]:
-    replaced = {demosaic: installed.reference(registry, "mosaic_linear", "rgb_camera", ("channel", "y", "x"))}
-    names = [entry.name for entry in pipeline.stages]
-    for entry in pipeline.stages[: names.index(demosaic)]:
-        kind = kinds[entry.name]
-        if kind is not None and kind.role == CROSSTALK and "photocurrent" in _writes(kinds, entry):
-            replaced[entry.name] = installed.serving(registry, CROSSTALK, "photon_rate", "photon_rate")
-    return {name: use for name, use in replaced.items() if use}
-
-
-def _in_front(demosaic: StageEntry, registry: Registry) -> list[StageEntry]:
-    """What stands in front of the demosaicer's place: light behind all filters, and its exposure without noise and clipping."""
-    no_mask = installed.reference(registry, "photon_rate", "photocurrent", ("channel", "y", "x"))
-    exposure = installed.reference(registry, "photocurrent", "mosaic_linear", ("y", "x"))
-    planes = StageEntry(f"{demosaic.name}_ideal_planes", no_mask, {}, {}, demosaic.place)
-    return [planes, StageEntry(f"{demosaic.name}_ideal_exposure", exposure, {"clip": False}, {}, demosaic.place)]
+def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry) -> Reference:
+    """The stages of every channel at every pixel, for the camera without what is left out, at the first values of its sweep."""
+    there = tuple(replace(e, origin=_origin(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
+    alone, _ = without_sweep(replace(pipeline, stages=there, sweep=_still_there(pipeline.sweep, out, {})))
+    nodes = nodes_of(replace(alone, lines={}), registry)
+    swept = {key.rpartition(".")[0] for key in pipeline.sweep}
+    needless = [name for name, kind in kinds.items() if name in swept or (kind is not None and kind.role in (SHADING, *RESTORING))]
+    made, light = Reference(alone, nodes, "", registry), writer(nodes, "photon_rate")
+    assert light is not None
+    made.planes(light, next(node for node in nodes if node.name == demosaic), needless)
+    return made
 
 
 def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: bool) -> list[str]:
@@ -171,7 +167,7 @@ def _shading_corrected(pipeline: Pipeline, kinds: Kinds) -> bool:
 # -- what stays as it was written ---------------------------------------------------------------------------------
 
 
-def _origin(pipeline: Pipeline, entry: StageEntry, out: Mapping[str, str]) -> dict[str, str]:
+def _origin(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) -> dict[str, str]:
     """``from`` without the stages that are gone: what those read, or the nearest writer."""
     by_name = {e.name: e for e in pipeline.stages}
     found = {}
