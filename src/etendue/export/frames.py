@@ -154,7 +154,7 @@ class Shelf:
         """
         node = self.record["nodes"].get(stage, {"role": []})
         if "role" not in node:
-            raise ArchiveError(f"{self.folder} does not say what its stages are for: run its pipeline again, which computes nothing twice")
+            raise ArchiveError(f"{self.folder} does not say what its stages are for: run its pipeline again with this version")
         return list(node["role"])
 
     def beside(self, frame: Frame, variable: str, other_than: str = "") -> Any:

@@ -83,6 +83,7 @@ class Moved(RealLens):
 class Blur(Moved):
     """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
 
+    role: ClassVar = "lens"
     once: ClassVar = ("diffraction",)
     nanoseconds: ClassVar = 400.0
 
@@ -181,6 +182,7 @@ class Blur(Moved):
 class Distortion(Moved):
     """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
 
+    role: ClassVar = "distortion"
     once: ClassVar = ("distortion",)
     gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
     nanoseconds: ClassVar = 350.0
@@ -241,6 +243,7 @@ class Distortion(Moved):
 class Illumination(Moved):
     """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
 
+    role: ClassVar = "falloff"
     once: ClassVar = ("fall-off",)
     gain: ClassVar[float | None] = banks.BRIGHTEST
     pointwise: ClassVar = True
@@ -291,6 +294,7 @@ class Numbers(RealLens):
     the same pupil without aberrations; ``lateral_colour`` the chief ray's image height against the reference wavelength's.
     """
 
+    role: ClassVar = "figures"
     writes: ClassVar = {
         "real_focal_length": "[mm]", "back_focal_distance": "[mm]", "image_scale": "[mm]", "axial_f_number": "[1]",
         "image_height": "field [mm]", "strehl_ratio": "field wavelength [1]", "wavefront_rms": "field wavelength [1]",
