@@ -23,7 +23,7 @@ import numpy as np
 from etendue.physics.sensor import cfa
 from etendue.registry import installed_stages
 from etendue.spec import camera
-from etendue.spec.stage import MISSING, Parameter, Stage, is_source, parameters_of, reads_of, writes_of
+from etendue.spec.stage import MISSING, Parameter, Stage, is_source, parameters_of, reads_of
 from etendue.spectra.names import rgb_space_names, tables
 
 Document = dict[str, Any]
@@ -385,7 +385,7 @@ class Drawn:
     def demosaicers(self) -> list[str]:
         """Those that can be made for the mask."""
         found = []
-        for name in self.able(lambda kind: set(kind.reads) == {"mosaic_linear"} and set(writes_of(kind)) == {"rgb_camera"}):
+        for name in self.able(lambda kind: kind.role == "demosaicing" and set(kind.reads) == {"mosaic_linear"}):
             kind = self.registry.load(name)
             try:
                 kind(**({"pattern": self.camera["pattern"]} if "pattern" in parameters_of(kind) else {}))

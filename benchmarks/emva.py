@@ -2,7 +2,7 @@
 
     python benchmarks/emva.py [--seeds 200]
 
-The sensor is the product's own stages (exposure_series, shot_noise, full_well, read_noise, adc); the measurement is
+The sensor is the product's own stages (bracket, exposure, shot_noise, full_well, read_noise, adc); the measurement is
 `etendue.physics.electronics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors, bias (in
 percent, and in standard errors of the mean), and the share of 95 % intervals that hold the truth. Bound: 90 to 98 %.
 """

@@ -6,7 +6,6 @@ Out: bases to derive a stage from; names of roles. Whether a stage is one of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.spec.stage import Stage
@@ -21,7 +20,6 @@ FULL_WELL = "full well"
 REFERENCE = "reference"  # stages that only stand where a study puts them: never an alternative to others
 
 
-@dataclass(frozen=True, kw_only=True)
 class Noisy(Stage):
     """A stage that adds noise to what a pixel holds, and knows how much.
 
@@ -35,7 +33,6 @@ class Noisy(Stage):
         raise NotImplementedError
 
 
-@dataclass(frozen=True, kw_only=True)
 class Scaled(Stage):
     """A stage that makes the linear mosaic, and knows its scale."""
 
@@ -44,22 +41,18 @@ class Scaled(Stage):
         raise NotImplementedError
 
 
-@dataclass(frozen=True, kw_only=True)
 class InSilicon(Stage):
     """A stage on the light that belongs to the sensor, not to the lens: an ideal lens leaves it as it is."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class FlatScene(Stage):
     """A scene that is the same everywhere. Studies give it ``reflectance``, and of size and light the parameters that it has."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class EdgeScene(Stage):
     """A scene of one slanted edge. Studies give it ``angle``, ``low``, ``high``, ``softness``, and of size and light what it has."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Adapting(Stage):
     """A stage that writes tristimulus values for a viewer who is adapted to a white of its own."""
 
@@ -68,7 +61,6 @@ class Adapting(Stage):
         raise NotImplementedError
 
 
-@dataclass(frozen=True, kw_only=True)
 class Displaying(Stage):
     """A stage that writes linear values for a display, and knows its primaries."""
 
