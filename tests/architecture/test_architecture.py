@@ -92,7 +92,7 @@ def test_a_parameter_with_a_unit_or_a_range_says_so_in_its_declaration(name):
 
 
 def test_every_variable_has_one_unit_and_one_set_of_dims():
-    """A name carries one meaning for ever: two stages cannot disagree about it. Of several exposures ``frame`` leads, of a mosaic's planes ``channel``."""
+    """A name carries one meaning for ever: two stages cannot disagree. Of exposures ``frame`` leads, of a mosaic's planes ``channel``."""
     found = {}
     for name in BUILT_IN:
         kind = REGISTRY.load(name)
