@@ -3,7 +3,8 @@
     python benchmarks/bits.py > after.json [--only paper sweep]
     python benchmarks/bits.py --against before.json
 
-Axis values, tables of a run and pictures are left out; what is left is what the physics gave.
+Axis values, tables of a run and pictures are left out; what is left is what the physics gave. ``--common``: with random numbers that do
+not depend on parameter values, so that a change of what keys them changes nothing.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ ROOT = Path(__file__).resolve().parents[1]
 TABLES = ("ledger", "summary", "frames")
 
 
-def digests(file: Path) -> dict[str, str]:
+def digests(file: Path, common: bool) -> dict[str, str]:
     """Digest by ``stage/variable`` (shape groups joined into it) of one pipeline; the fault where it does not run."""
     import etendue
     from etendue.errors import EtendueError
+    from etendue.session import load
 
     try:
-        tree = etendue.simulate(file)
+        tree = etendue.simulate(load(file, {"camera.noise": "common"} if common else None))
     except EtendueError as error:
         return {"fault": str(error).split("\n")[0][:200]}
     found = {}
@@ -45,12 +47,13 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--folder", type=Path, default=ROOT / "pipelines")
     parser.add_argument("--against", type=Path)
+    parser.add_argument("--common", action="store_true")
     arguments = parser.parse_args()
     files = [f for f in sorted(arguments.folder.glob("*.toml")) if not arguments.only or f.stem in arguments.only]
     now = {}
     for file in files:
         print(file.stem, file=sys.stderr, flush=True)
-        now[file.stem] = digests(file)
+        now[file.stem] = digests(file, arguments.common)
     if not arguments.against:
         print(json.dumps(now, indent=1, sort_keys=True))
         return

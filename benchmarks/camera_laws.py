@@ -72,8 +72,8 @@ def twin(document: Document, wanted: list[str], axis: str, values: list[float]) 
     The time of a metered camera is what is swept, and white is that of the light, not of the picture.
     """
     made = copy.deepcopy(document)
-    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in EXPOSING)
-    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, "restore", "estimate")]
+    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, "meter"))
+    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, "meter", "restore", "estimate")]
     kept.insert(first, {"use": "ideal_mosaic", "name": "ideal"})
     measures = next(n for n, stage in enumerate(kept) if stage["name"] == "encode") + 1
     made["stages"] = kept[:measures]

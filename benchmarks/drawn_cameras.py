@@ -23,7 +23,9 @@ import numpy as np
 from etendue.physics.sensor import cfa
 from etendue.registry import installed_stages
 from etendue.spec import camera
-from etendue.spec.stage import MISSING, Parameter, Stage, is_source, parameters_of, reads_of
+from etendue.spec.capabilities import is_source
+from etendue.spec.parameter import MISSING, Parameter
+from etendue.spec.stage import Stage, parameters_of, reads_of
 from etendue.spectra.names import rgb_space_names, tables
 
 Document = dict[str, Any]
@@ -166,7 +168,8 @@ class Drawn:
         own = {}
         always = ("f_number", "pixel_pitch", "integration_time")
         for name in camera.names():
-            parameter, default = camera.declared(name)
+            parameter = camera.declared(name)
+            default = parameter.default
             if default is MISSING or (isinstance(default, str) and not parameter.choices):
                 continue
             with self.stream("camera", name):

@@ -20,10 +20,10 @@ from etendue.physics.light import sampling
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
-from etendue.run.segments import transfer_of
 from etendue.run.tables import SensorRandom, coordinates_of, prepared_of
 from etendue.spec.pipeline import read_pipeline
 from etendue.spec.stage import arguments_of
+from etendue.transfers import Product
 
 HERE = Path(__file__).parent
 CHAIN = ("full_well", "read_noise", "adc", "linearise", "demosaic", "sharpen")
@@ -72,7 +72,7 @@ class Camera:
         def make() -> Any:
             fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
             fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
-            return transfer_of(cell.stage, fy, fx, grid.bands().edges, self.prepared(cell)).astype(dtype)
+            return Product((cell.stage,), grid.bands().edges, lambda *_: self.prepared(cell)).at(fy, fx).astype(dtype)
 
         return self.table(cell, f"otf {dtype}", make)
 

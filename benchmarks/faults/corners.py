@@ -25,8 +25,10 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec import camera
+from etendue.spec.capabilities import is_source
+from etendue.spec.parameter import Parameter
 from etendue.spec.pipeline import from_document
-from etendue.spec.stage import Parameter, is_source, parameters_of, reads_of, writes_of
+from etendue.spec.stage import parameters_of, reads_of, writes_of
 
 SMALLEST = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 BEHIND = {
@@ -77,6 +79,10 @@ def holding(use: str, extra: dict[str, Any]) -> dict[str, Any]:
         return replace("white")
     if use in ("meter", "bracket"):
         stages.insert(uses.index("exposure"), {"use": use, **extra})
+        return document
+    if use == "merge_frames":
+        stages.insert(uses.index("exposure"), {"use": "bracket", "brackets": [0, -1]})
+        stages.insert([stage["use"] for stage in stages].index("demosaic_colour_difference") + 1, {"use": use, **extra})
         return document
     if use == "crosstalk":
         document["camera"]["crosstalk"] = "through_filter"
@@ -145,7 +151,7 @@ def cases(names: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     if "camera" in names:
         kinds = {name: entry[1] for use in registry.names() for name, entry in parameters_of(registry.load(use)).items()}
         for name in camera.names():
-            for value in corners(camera.declared(name)[0], kinds[name]):
+            for value in corners(camera.declared(name), kinds[name]):
                 document = tiny()
                 document["camera"][name] = value
                 yield f"camera.{name} = {value}", document

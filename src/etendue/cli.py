@@ -417,10 +417,11 @@ def stages(name: str | None, as_json: bool) -> None:
     from etendue.errors import RequestError, nearest
     from etendue.registry import installed_stages
     from etendue.report.catalogue import print_stage, print_stages, stage_document
+    from etendue.telling import printable
 
     registry = installed_stages()
     if name is not None and name not in registry:
-        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}")
+        raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}")
     documents = [stage_document(registry, one) for one in ([name] if name else registry.names())]
     if as_json:
         _say(documents)
@@ -428,6 +429,8 @@ def stages(name: str | None, as_json: bool) -> None:
         _show(print_stage, documents[0])
     else:
         _show(print_stages, documents)
+    for text in () if name else registry.found.notes():
+        click.echo(f"note: {printable(text)}", err=True)
 
 
 @main.command()
@@ -435,13 +438,15 @@ def stages(name: str | None, as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 def quantities(name: str | None, as_json: bool) -> None:
     """The camera quantities that stages share: meaning, unit, range, default, and which stages take one."""
+    from etendue import discovery
     from etendue.errors import RequestError, nearest
     from etendue.registry import installed_stages
     from etendue.report.catalogue import print_quantities, print_quantity, quantity_document
     from etendue.spec import camera
 
     if name is not None and name not in camera.names():
-        raise RequestError(f"there is no camera quantity {name!r}{nearest(name, camera.names())}")
+        missed = discovery.installed().missed("quantities", name)
+        raise RequestError(f"there is no camera quantity {name!r}{nearest(name, camera.names())}{missed}")
     registry = installed_stages() if name else None
     documents = [quantity_document(one, registry) for one in ([name] if name else camera.names())]
     if as_json:

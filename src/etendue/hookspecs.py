@@ -1,22 +1,71 @@
-"""The one hook a plugin implements, found through the entry-point group ``etendue.stages``.
+"""What a distribution may bring: one hook for each vocabulary, in one small manifest module, named by one entry point.
 
-One entry point per stage: its name is the stage's name, its value a module with
+    [project.entry-points.etendue]
+    my-camera = "my_camera.manifest"
 
-    @etendue.api.hookimpl
-    def etendue_stages():
-        return {"my_stage": MyStage}
+The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported when they are
+used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline that uses it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
 import pluggy
 
 PROJECT = "etendue"
-GROUP = "etendue.stages"
+GROUP = "etendue"
+LIBRARY = "colour-science"  # in place of a path: a table of this library
+FORMER_GROUP = "etendue.stages"  # one entry point per stage: no longer read
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
 
 
 @hookspec
-def etendue_stages() -> dict[str, type]:  # type: ignore[empty-body]
-    """Stage classes by the names under which they are entry points."""
+def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
+    """Stages: where their class stands, or the class itself.
+
+    {"vignette": "my_camera.stages:Vignette"}
+    """
+
+
+@hookspec
+def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
+
+    {"halo": {"long_name": "light scattered by the film's base", "units": "W m-2 nm-1", "shown": "linear"}}
+    """
+
+
+@hookspec
+def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Camera quantities, shared by stages under ``[camera]``: the words of ``param()``, and a default unless it must be given.
+
+    {"film_thickness": {"default": 120.0, "units": "um", "above": 0, "doc": "of the film's base"}}
+    """
+
+
+@hookspec
+def etendue_sensors() -> Mapping[str, Mapping[str, Any] | str | PathLike[str]]:  # type: ignore[empty-body]
+    """Sensors that ``[camera] sensor`` may name: the path of a TOML file as in ``etendue/data/sensors``, or the same as a mapping.
+
+    {"my-film": Path(__file__).parent / "my_film.toml"}
+    """
+
+
+@hookspec
+def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """What stages are alternatives to, in a sentence.
+
+    {"halation": "light that comes back from behind the sensitive layer"}
+    """
+
+
+@hookspec
+def etendue_spectra() -> Mapping[str, str | PathLike[str]]:  # type: ignore[empty-body]
+    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV file, ``wavelength_nm,a,b,...``.
+
+    {"my tungsten": Path(__file__).parent / "tungsten.csv"}
+    """

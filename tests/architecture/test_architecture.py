@@ -11,13 +11,15 @@ from pathlib import Path
 
 import pytest
 
+from etendue import manifest
+from etendue.discovery import installed
 from etendue.registry import installed_stages
 from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
+from etendue.spec.variables import variable
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "etendue"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-POINTS = PROJECT["project"]["entry-points"]["etendue.stages"]
 REGISTRY = installed_stages()
 
 
@@ -63,13 +65,45 @@ def test_no_import_stands_in_a_function_to_break_a_circle():
 
 # -- built-in stages --------------------------------------------------------------------------------------
 
-BUILT_IN = sorted(POINTS)
+BUILT_IN = sorted(manifest.etendue_stages())
 
 
-def test_the_entry_points_of_the_project_are_those_that_are_installed():
-    (distribution,) = {point.dist.name for point in importlib.metadata.entry_points(group="etendue.stages") if point.name == "uniform"}
-    installed = {p.name: p.value for p in importlib.metadata.distribution(distribution).entry_points if p.group == "etendue.stages"}
-    assert installed == POINTS
+def test_one_entry_point_brings_all_that_is_built_in():
+    (name,) = PROJECT["project"]["entry-points"]["etendue"]
+    installed = {p.name: p.value for p in importlib.metadata.distribution("etendue").entry_points if p.group.startswith("etendue")}
+    assert installed == {name: manifest.__name__}
+    assert {n for n in REGISTRY.names() if REGISTRY.installed(n).distribution == "etendue"} == set(BUILT_IN)
+
+
+def test_every_stage_class_of_a_module_stands_in_the_manifest():
+    """A class with a role, reads or writes of its own that no name leads to is nobody's."""
+    named = {REGISTRY.load(name) for name in BUILT_IN}
+    modules = {kind.__module__ for kind in named}
+    found = {
+        kind for module in modules for kind in vars(sys.modules[module]).values()
+        if isinstance(kind, type) and issubclass(kind, Stage) and kind.__module__ == module and not kind.__name__.startswith("_")
+        and "run" in vars(kind)
+    }  # fmt: skip
+    assert found - named == set()
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_what_a_built_in_stage_says_is_said_in_the_vocabularies(name):
+    """Its role has a sentence; its variables have a meaning, and there the unit in which it writes them."""
+    kind, brought = REGISTRY.load(name), installed()
+    assert brought.first("roles", kind.role), f"{name} has the role {kind.role!r}, of which data/roles.toml says nothing"
+    for declaration in writes_of(kind).values():
+        assert brought.first("variables", declaration.variable), declaration
+        assert variable(declaration.variable).units == declaration.unit, declaration
+
+
+def test_no_vocabulary_speaks_of_what_is_not_there():
+    kinds = [REGISTRY.load(name) for name in BUILT_IN]
+    written = {declaration.variable for kind in kinds for declaration in writes_of(kind).values()}
+    assert set(manifest.etendue_variables()) - written == set()
+    assert set(manifest.etendue_roles()) - {kind.role for kind in kinds} == set()
+    taken = {name for kind in kinds for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+    assert set(manifest.etendue_quantities()) - taken == set()
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

@@ -176,44 +176,88 @@ def test_a_pedestal_under_four_sigma_is_warned_of(black, warned):
     assert any("4 sigma" in text for text in make_plan(load(document), installed_stages()).warnings) == warned
 
 
-# -- metering
+# -- metering: an argument is a variable
 
 
 def test_a_metered_exposure_reaches_its_target_whatever_the_f_number_and_white_follows():
     document = pipeline(
-        "exposure_metered", "white_metered", exposure_metered=even(target=0.4),
-        sweep={"f_number": [2.8, 8], "exposure_metered.ev_bias": [0, -1]}, wanted=["expected_charge", "exposure_time", "white"],
+        "meter", "exposure", "white", meter={"target": 0.4}, exposure=even(),
+        sweep={"f_number": [2.8, 8], "meter.ev_bias": [0, -1]}, wanted=["expected_charge", "integration_time", "white"],
         camera={"black_level": 0},
     )  # fmt: skip
     tree = etendue.simulate(document)
     well = 1000 * (5.4 * 0.741) ** 2
-    charge = tree["exposure_metered"].expected_charge
-    assert charge.dims[:2] == ("f_number", "exposure_metered_ev_bias")
+    charge = tree["exposure"].expected_charge
+    assert charge.dims[:2] == ("f_number", "meter_ev_bias")
     np.testing.assert_allclose(charge.values[..., 0, 0], [[0.4 * well, 0.2 * well]] * 2, rtol=1e-13)
-    time = tree["exposure_metered"].exposure_time.values
+    time = tree["meter"].integration_time.values
     np.testing.assert_allclose(time[1] / time[0], (8 / 2.8) ** 2, rtol=1e-13)
-    np.testing.assert_allclose(tree["white_metered"].white.values[..., 1], [[0.4, 0.2]] * 2, rtol=1e-12)
+    np.testing.assert_allclose(tree["white"].white.values[..., 1], [[0.4, 0.2]] * 2, rtol=1e-12)
 
 
 def test_metering_by_exposure_value_keeps_the_exposure_of_a_swept_f_number():
     document = pipeline(
-        "exposure_metered", exposure_metered=even(metering="exposure_value", exposure_value=10), sweep={"f_number": [2, 4, 16]},
-        wanted=["expected_charge", "exposure_time"],
+        "meter", "exposure", meter={"metering": "exposure_value", "exposure_value": 10}, exposure=even(), sweep={"f_number": [2, 4, 16]},
+        wanted=["expected_charge", "integration_time"],
     )  # fmt: skip
     tree = etendue.simulate(document)
-    np.testing.assert_allclose(tree["exposure_metered"].exposure_time, np.array([4, 16, 256]) / 1024, rtol=1e-15)
-    charge = tree["exposure_metered"].expected_charge.values[:, 0, 0]
+    np.testing.assert_allclose(tree["meter"].integration_time, np.array([4, 16, 256]) / 1024, rtol=1e-15)
+    charge = tree["exposure"].expected_charge.values[:, 0, 0]
     np.testing.assert_allclose(charge, charge[0], rtol=1e-12)
 
 
-def test_a_sweep_of_the_time_that_is_metered_is_refused_with_what_to_sweep_instead():
-    with pytest.raises(RequestError, match=r"'exposure_metered' finds integration_time itself.*exposure_metered\.ev_bias"):
-        etendue.simulate(pipeline("exposure_metered", sweep={"integration_time": [0.01, 0.02]}))
+CAMERA = ("exposure", *READ_OUT, "linearise", "white", "balance_mosaic", "demosaic_bilinear", "dynamic_range", "exposure_numbers")
 
 
-def test_a_stage_that_takes_the_time_beside_a_metered_one_is_refused_with_its_metered_twin():
-    with pytest.raises(RequestError, match="use white_metered"):
-        etendue.simulate(pipeline("exposure_metered", "white"))
+def arrays_of(tree):
+    """Every array by stage and variable, those of the metering itself aside."""
+    found = {}
+    for node in tree.subtree:
+        if node.path.strip("/").split("/")[0] not in ("", "ledger", "summary", "frames", "meter"):
+            found |= {f"{node.path}/{name}": array.values for name, array in node.to_dataset(inherit=False).data_vars.items()}
+    return found
+
+
+@pytest.mark.parametrize("noise", ["independent", "common"])
+def test_metered_is_fixed_at_the_found_time_bit_for_bit_noise_included(noise):
+    wanted = ["expected_charge", "shot_noise.charge", "raw", "rgb_camera", "white", "dr_emva", "snr_18"]
+    camera = {"noise": noise, "read_noise": 3}
+    metered = etendue.simulate(pipeline("meter", *CAMERA, meter={"ev_bias": -0.3}, camera=camera, wanted=[*wanted, "integration_time"]))
+    time = float(metered["meter"].integration_time)
+    assert time != 0.01
+    fixed = etendue.simulate(pipeline(*CAMERA, camera=camera | {"integration_time": time}, wanted=wanted))
+    found, expected = arrays_of(metered), arrays_of(fixed)
+    assert found.keys() == expected.keys()
+    for path, array in expected.items():
+        assert found[path].tobytes() == array.tobytes(), path
+
+
+def test_a_given_swept_or_found_time_is_one_word_of_the_random_numbers():
+    one = pipeline(*CAMERA[:3], camera={"integration_time": 0.02}, wanted=["charge"])
+    swept = pipeline(*CAMERA[:3], sweep={"integration_time": [0.01, 0.02]}, wanted=["charge"])
+    alone, among = etendue.simulate(one), etendue.simulate(swept)
+    for stage in ("shot_noise", "full_well"):
+        if stage in alone:
+            assert np.array_equal(alone[stage].charge, among[stage].charge[1])
+
+
+def test_what_nobody_takes_from_the_camera_any_more_is_no_axis():
+    with pytest.raises(RequestError, match="'meter' writes integration_time for every stage that takes it; leave the axis out, or 'meter'"):
+        etendue.simulate(pipeline("meter", "exposure", sweep={"integration_time": [0.01, 0.02]}))
+    plan = make_plan(load(pipeline("meter", "exposure", camera={"integration_time": 0.5})), installed_stages())
+    assert "camera.integration_time is not used: 'meter' finds it" in plan.warnings
+
+
+def test_a_stage_in_front_of_the_metering_takes_the_time_of_the_camera():
+    document = pipeline("dynamic_range", "meter", "exposure", camera={"integration_time": 5.0, "dark_current_density": 1e-10})
+    dark = etendue.simulate(document)["dynamic_range"].dark_charge
+    np.testing.assert_allclose(dark, 1e-10 / 1.602176634e-19 * 5.4e-4**2 * 5.0, rtol=1e-12)
+
+
+def test_a_found_time_beyond_the_range_of_the_quantity_fails_its_cell(monkeypatch):
+    document = pipeline("meter", "exposure", meter={"shortest": 1e-29, "longest": 1e-28}, wanted=["expected_charge"])
+    with pytest.raises(etendue.errors.EtendueError, match="integration_time = 1e-28, which 'meter' has found, is out of range"):
+        etendue.simulate(document)
 
 
 # -- frames
@@ -222,25 +266,25 @@ def test_a_stage_that_takes_the_time_beside_a_metered_one_is_refused_with_its_me
 @pytest.fixture(scope="module")
 def series():
     document = pipeline(
-        "exposure_series", *READ_OUT, "linearise", "exposure_report",
-        exposure_series={"repeats": 2, "brackets": [0, -3], "prnu": 0.05, "dark_nonuniformity": 0},
+        "bracket", "exposure", *READ_OUT, "linearise", "exposure_report",
+        bracket={"repeats": 2, "brackets": [0, -3]}, exposure={"prnu": 0.05, "dark_nonuniformity": 0},
         camera={"dsnu": 50, "read_noise": 4, "dark_current_density": 1e-9}, sweep={"f_number": [4, 8]},
     )  # fmt: skip
-    return document | {"wanted": ["expected_charge", "exposure_time", "shot_noise.charge", "raw", "mosaic_linear", "clipped_fraction"]}
+    return document | {"wanted": ["expected_charge", "integration_time", "shot_noise.charge", "raw", "mosaic_linear", "clipped_fraction"]}
 
 
 def test_frames_and_brackets_are_a_dimension_of_every_variable_behind_them(series):
     tree = etendue.simulate(series)
     for stage, variable in (
-        ("exposure_series", "expected_charge"),
+        ("exposure", "expected_charge"),
         ("shot_noise", "charge"),
         ("adc", "raw"),
         ("linearise", "mosaic_linear"),
     ):
         assert tree[stage][variable].dims == ("f_number", "frame", "y", "x")
         assert tree[stage][variable].shape == (2, 4, 20, 24)
-    np.testing.assert_allclose(tree["exposure_series"].exposure_time[0], np.array([1, 1, 1 / 8, 1 / 8]) * 0.01, rtol=1e-15)
-    assert tree["exposure_report"].clipped_fraction.dims == ("f_number",)
+    np.testing.assert_allclose(tree["bracket"].integration_time, np.array([1, 1, 1 / 8, 1 / 8]) * 0.01, rtol=1e-15)
+    assert tree["exposure_report"].clipped_fraction.dims == ("f_number", "frame")
 
 
 def test_an_archive_with_frames_is_opened_by_xarray_and_holds_the_same_bits(series, tmp_path):
@@ -254,7 +298,7 @@ def test_an_archive_with_frames_is_opened_by_xarray_and_holds_the_same_bits(seri
 
 def test_patterns_are_the_same_in_all_frames_and_shot_noise_is_new_in_each(series):
     tree = etendue.simulate(series)
-    expected, charge = tree["exposure_series"].expected_charge.values, tree["shot_noise"].charge.values
+    expected, charge = tree["exposure"].expected_charge.values, tree["shot_noise"].charge.values
     dark = 1e-9 / 1.602176634e-19 * 5.4e-4**2
     for cell in expected:
         assert np.array_equal(cell[0], cell[1])
@@ -272,22 +316,24 @@ def test_patterns_are_the_same_in_all_frames_and_shot_noise_is_new_in_each(serie
 
 def test_the_first_frame_of_a_series_is_no_other_light_than_a_single_exposure():
     one = etendue.simulate(pipeline("exposure", exposure=even(), wanted=["expected_charge"]))["exposure"].expected_charge.values
-    many = etendue.simulate(pipeline("exposure_series", exposure_series=even(), wanted=["expected_charge"]))
-    assert np.array_equal(many["exposure_series"].expected_charge.values, np.stack([one, one]))
+    many = etendue.simulate(pipeline("bracket", "exposure", exposure=even(), wanted=["expected_charge"]))
+    assert np.array_equal(many["exposure"].expected_charge.values, np.stack([one, one]))
 
 
-def test_a_stage_that_takes_one_frame_refuses_several_by_name():
-    with pytest.raises(RequestError, match="frame y x"):
-        etendue.simulate(pipeline("exposure_series", *READ_OUT, "linearise", "demosaic_bilinear"))
+def test_an_axis_of_a_time_that_is_spread_over_frames_has_a_name_of_its_own():
+    document = pipeline("bracket", "exposure", bracket={"repeats": 1, "brackets": [0, 1]}, sweep={"integration_time": [0.01, 0.02]})
+    tree = etendue.simulate(document)
+    assert tree["exposure"].expected_charge.dims == ("camera_integration_time", "frame", "y", "x")
+    np.testing.assert_array_equal(tree["bracket"].integration_time, [[0.01, 0.02], [0.02, 0.04]])
 
 
 def test_the_shipped_measurement_returns_the_camera_of_its_file():
     tree = etendue.simulate(PIPELINES / "emva.toml", want=["raw"])
     raw = tree["adc"].raw
-    found = emva.measure(raw.integration_time, raw.sel(scene_reflectance=1), raw.sel(scene_reflectance=0))
+    found = emva.measure(raw.camera_integration_time, raw.sel(scene_reflectance=1), raw.sel(scene_reflectance=0))
     well = 1000 * (5.4 * 0.741) ** 2
     dark = 1e-9 / 1.602176634e-19 * 5.4e-4**2
-    patterns = math.hypot(3, 0.1 * dark * float(raw.integration_time[found.pattern_level]))
+    patterns = math.hypot(3, 0.1 * dark * float(raw.camera_integration_time[found.pattern_level]))
     for estimate, truth in (
         (found.gain, (4095 - 128) / well), (found.read_noise, 8), (found.dark_current, dark), (found.full_well, well),
         (found.prnu, 0.01), (found.dsnu, patterns),
@@ -302,7 +348,7 @@ def test_the_shipped_measurement_returns_the_camera_of_its_file():
 
 def test_row_and_column_patterns_stay_and_row_noise_does_not():
     document = pipeline(
-        "exposure_series", "shot_noise", "line_pattern", scene={"reflectance": 0}, exposure_series=even(repeats=2),
+        "bracket", "exposure", "shot_noise", "line_pattern", scene={"reflectance": 0}, exposure=even(),
         line_pattern={"row_pattern": 5, "column_pattern": 3, "row_noise": 2}, wanted=["charge"],
     )  # fmt: skip
     charge = etendue.simulate(document)["line_pattern"].charge.values  # dark, no shot noise: the pattern itself

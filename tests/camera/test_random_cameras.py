@@ -40,7 +40,7 @@ def test_the_ranges_that_are_drawn_from_are_those_declared():
     for one in drawn:
         one.quantities()
     for name in camera.names():
-        parameter, _ = camera.declared(name)
+        parameter = camera.declared(name)
         found = [one.camera[name] for one in drawn if name in one.camera]
         numbers = [v for values in found for v in (values if isinstance(values, list) else [values]) if isinstance(v, int | float)]
         assert all(parameter.allows(v) for v in numbers)

@@ -309,7 +309,7 @@ def test_what_is_clipped_in_the_mosaic_is_flagged_in_every_picture_made_of_it():
 
 def test_of_a_series_that_exposure_is_looked_at_whose_edge_is_measured():
     """The second frame is clipped, eight times as long; the first is measured."""
-    read_out = [{"use": "exposure_series", "repeats": 1, "brackets": [0, 3]} if use == "exposure" else use for use in READ_OUT]
+    read_out = [{"use": "bracket", "repeats": 1, "brackets": [0, 3]}, *READ_OUT]
     found = edge_figures(document((*read_out, "edge_resolution"), camera=MEDIUM))
     assert (found.edge_flags & (FLAGS["clipped"] | FLAGS["no_edge"]) == 0).all()
     assert np.isfinite(found.limiting_factor)

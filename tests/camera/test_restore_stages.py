@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.fft
+import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 import etendue
+from etendue.api import moves_light
 from etendue.errors import RequestError
 from etendue.physics.light import sampling
 from etendue.physics.resolution import contrast, slanted_edge
@@ -22,21 +24,14 @@ from etendue.run.otf import Otf
 from etendue.spec.pipeline import from_document
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.optics.lens import Diffraction
-from etendue.stages.restoration.deconvolution import (
-    RestoreLaplacian,
-    RestoreRichardsonLucy,
-    RestoreUnsharp,
-    RestoreWiener,
-    RichardsonLucy,
-    System,
-    Wiener,
-    unknown_blur,
-)
+from etendue.stages.restoration.deconvolution import RichardsonLucy, Wiener
+from etendue.stages.restoration.figures import System
 from etendue.stages.restoration.sharpening import Sharpen, Unsharp
 from etendue.stages.sensor.pixel import Diffusion, Pixel
 
 EDGES = tuple(float(e) for e in range(400, 720, 40))
 QE = (0.36, 0.44, 0.4)
+ASKED = frozenset({"mtf50_gain", "noise_gain"})
 
 
 def light_of(f_number, pitch, **pixel):
@@ -86,7 +81,7 @@ def test_a_table_of_the_transfer_function_errs_less_than_it_says(kind, f_number,
 def test_a_large_frame_is_taken_in_parts_with_the_same_values(monkeypatch):
     transfers = light_of(4.0, 4.0)
     whole = Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"]
-    monkeypatch.setattr("etendue.stages.restoration.deconvolution.BLOCK", 3000)
+    monkeypatch.setattr("etendue.stages.restoration.figures.BLOCK", 3000)
     assert_array_equal(Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"], whole)
 
 
@@ -99,7 +94,7 @@ def test_where_nothing_blurs_there_is_nothing_to_undo():
     planes = picture()
     nothing = Wiener(aliasing="ignored", noise_variance=1e-300).run(planes, [])["rgb_camera"]
     assert_allclose(nothing, planes, rtol=0, atol=1e-14)
-    lucy = RestoreRichardsonLucy(stop=0.0, iterations=3).run(planes, [])
+    lucy = RichardsonLucy(stop=0.0, iterations=3).run(planes, [], ASKED)
     assert_allclose(lucy["rgb_camera"], planes, rtol=0, atol=1e-13)
     assert math.isnan(lucy["mtf50_gain"]) and lucy["noise_gain"] == pytest.approx(1.0, rel=1e-14)
 
@@ -154,7 +149,7 @@ def test_beyond_the_cut_off_of_the_lens_nothing_is_made_up():
         gain = stage.response(System.of(transfers, 3, pitch), fy, fx)
         assert np.all(np.isfinite(gain)) and np.abs(gain).max() <= stage.largest_gain * (1 + 1e-15)
         assert np.all(gain[:, np.hypot(fy[:, None], fx) > 0.13] == 0)
-    with_pictures = RestoreWiener(pixel_pitch=pitch).run(picture(), transfers)
+    with_pictures = Wiener(pixel_pitch=pitch).run(picture(), transfers, ASKED)
     assert np.all(np.isfinite(with_pictures["rgb_camera"])) and with_pictures["mtf50_gain"] > 1
 
 
@@ -170,9 +165,9 @@ def test_at_the_nyquist_frequency_half_is_folded_and_at_most_half_comes_back(f_n
 def test_the_price_in_noise_is_what_white_noise_pays():
     pitch, transfers = 4.0, light_of(2.8, 4.0)
     noise = 0.3 + 1e-3 * np.random.default_rng(1).standard_normal((3, 240, 240))
-    for stage in (RestoreWiener(pixel_pitch=pitch), RestoreLaplacian(pixel_pitch=pitch), RestoreUnsharp(pixel_pitch=pitch),
-                  RestoreRichardsonLucy(pixel_pitch=pitch, stop=0.0, iterations=6)):  # fmt: skip
-        found = stage.run(noise, transfers)
+    for stage in (Wiener(pixel_pitch=pitch), Sharpen(pixel_pitch=pitch), Unsharp(pixel_pitch=pitch),
+                  RichardsonLucy(pixel_pitch=pitch, stop=0.0, iterations=6)):  # fmt: skip
+        found = stage.run(noise, transfers, ASKED)
         assert found["noise_gain"] > 1.1
         assert_allclose(found["rgb_camera"][1].std() / noise[1].std(), found["noise_gain"], rtol=0.02)  # 57600 draws: 0.6 %
 
@@ -180,28 +175,28 @@ def test_the_price_in_noise_is_what_white_noise_pays():
 def test_the_gain_in_mtf50_is_that_of_the_green_curves():
     pitch, transfers = 4.0, light_of(8.0, 4.0)
     before = brentq(lambda f: green(transfers, f, pitch)[0] - 0.5, 0.05, 0.5)
-    stage = RestoreWiener(pixel_pitch=pitch, noise_variance=1e-4)
+    stage = Wiener(pixel_pitch=pitch, noise_variance=1e-4)
     system = System.of(transfers, 3, pitch)
 
     def after(f):
         response = stage.response(system, np.zeros(1), np.array([f]))[1, 0, 0]
         return green(transfers, f, pitch)[0] * abs(response) - 0.5
 
-    found = stage.run(picture(), transfers)["mtf50_gain"]
+    found = stage.run(picture(), transfers, ASKED)["mtf50_gain"]
     assert_allclose(found, brentq(after, before, 0.5) / before, rtol=1e-6)
     assert found > 1.1
-    lucy = RestoreRichardsonLucy(pixel_pitch=pitch, stop=0.0, iterations=2)
+    lucy = RichardsonLucy(pixel_pitch=pitch, stop=0.0, iterations=2)
 
     def deconvolved(f):
         transfer = green(transfers, f, pitch)[0]
         return 1 - (1 - transfer) * (1 - transfer**2) ** 2 - 0.5
 
-    assert_allclose(lucy.run(picture(), transfers)["mtf50_gain"], brentq(deconvolved, before, 0.5) / before, rtol=1e-6)
+    assert_allclose(lucy.run(picture(), transfers, ASKED)["mtf50_gain"], brentq(deconvolved, before, 0.5) / before, rtol=1e-6)
 
 
 def test_less_noise_buys_more_resolution():
     transfers = light_of(8.0, 4.0)
-    figures = [RestoreWiener(pixel_pitch=4.0, noise_variance=v).run(picture(), transfers) for v in (1e-2, 1e-3, 1e-4, 1e-5)]
+    figures = [Wiener(pixel_pitch=4.0, noise_variance=v).run(picture(), transfers, ASKED) for v in (1e-2, 1e-3, 1e-4, 1e-5)]
     assert np.all(np.diff([f["mtf50_gain"] for f in figures]) > 0)
     assert np.all(np.diff([f["noise_gain"] for f in figures]) > 0)
 
@@ -230,17 +225,17 @@ def test_richardson_lucy_ends_at_the_noise_of_the_camera():
 # -- families
 
 
-@pytest.mark.parametrize(("light", "figures"), [(Sharpen, RestoreLaplacian), (Unsharp, RestoreUnsharp), (Wiener, RestoreWiener),
-                                                (RichardsonLucy, RestoreRichardsonLucy)])  # fmt: skip
-@pytest.mark.parametrize("kind", ["float32", "float64"])
-def test_a_stage_with_figures_gives_the_same_picture_bit_for_bit(light, figures, kind):
-    transfers, planes = light_of(4.0, 5.4), picture().astype(kind)
-    alone = light()
-    given = (planes,) if light in (Sharpen, Unsharp) else (planes, transfers)
-    found = figures().run(planes, transfers)
-    assert_array_equal(found["rgb_camera"], alone.run(*given)["rgb_camera"])
-    assert found["rgb_camera"].dtype == kind
-    assert set(found) == {"rgb_camera", "mtf50_gain", "noise_gain"}
+@pytest.mark.parametrize("kind", [Sharpen, Unsharp, Wiener, RichardsonLucy])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_figures_change_no_bit_of_the_picture_and_come_as_asked_for(kind, dtype):
+    transfers, planes = light_of(4.0, 5.4), picture().astype(dtype)
+    alone = kind().run(planes, transfers, frozenset())
+    assert set(alone) == {"rgb_camera"}
+    for asked in (ASKED, frozenset({"noise_gain"})):
+        found = kind().run(planes, transfers, asked)
+        assert_array_equal(found["rgb_camera"], alone["rgb_camera"])
+        assert found["rgb_camera"].dtype == dtype
+        assert set(found) == {"rgb_camera", *asked}
 
 
 CAMERA = {
@@ -254,8 +249,9 @@ CAMERA = {
         {"use": "demosaic_bilinear", "name": "demosaic"}, {"use": "sharpen"},
     ],
 }  # fmt: skip
-PLAIN = ["sharpen", "unsharp", "denoise", "wiener", "richardson_lucy"]
-WITH_FIGURES = ["restore_laplacian", "restore_unsharp", "restore_wiener", "restore_richardson_lucy"]
+WITH_FIGURES = ["sharpen", "unsharp", "wiener", "richardson_lucy"]
+PLAIN = [*WITH_FIGURES, "denoise"]
+FIGURES = ["restored.rgb_camera", "mtf50_gain", "noise_gain"]
 
 
 def restored(uses, **sweep):
@@ -263,15 +259,52 @@ def restored(uses, **sweep):
     return {**document, "sweep": {"restored.use": uses, **sweep}}
 
 
-def test_either_family_can_be_swapped_in_a_pipeline_and_the_figures_are_those_of_the_cell():
+def test_restorations_can_be_swapped_in_a_pipeline_and_the_figures_are_those_of_the_cell():
     pictures = etendue.simulate(restored(PLAIN))["restored"].rgb_camera
     assert list(pictures["restored"].values) == PLAIN
     assert len({pictures.sel(restored=use).values.tobytes() for use in PLAIN}) == len(PLAIN)
-    found = etendue.simulate(restored(WITH_FIGURES, f_number=[5.6, 11.0]))["restored"]
-    gain = found.mtf50_gain.sel(restored="restore_laplacian")
+    found = etendue.simulate(restored(WITH_FIGURES, f_number=[5.6, 11.0]), want=FIGURES)["restored"]
+    gain = found.mtf50_gain.sel(restored="sharpen")
     assert gain.dims == ("f_number",) and np.all(gain > 1.05)
     assert np.all(found.noise_gain.sel(f_number=5.6) > 1)
-    assert found.noise_gain.sel(restored="restore_laplacian").values == pytest.approx(2.2405, abs=1e-4)  # of 0.15, whatever the lens
+    assert found.noise_gain.sel(restored="sharpen").values == pytest.approx(2.2405, abs=1e-4)  # of 0.15, whatever the lens
+
+
+def test_a_figure_that_one_of_the_alternatives_does_not_have_is_not_there():
+    with pytest.raises(RequestError, match="mtf50_gain"):
+        etendue.simulate(restored(PLAIN), want=["mtf50_gain"])
+
+
+def test_asked_for_later_figures_are_added_to_an_archive_without_touching_what_is_there(tmp_path):
+    """No key, draw or bit of anything else changes: the picture's file is not even written again."""
+    folder = tmp_path / "once"
+    document = {**CAMERA, "camera": CAMERA["camera"] | {"f_number": 11.0}}
+    etendue.simulate(document, archive=folder)
+    stages = {entry["use"] for entry in CAMERA["stages"]} | {"scene", "demosaic"}
+    own = [
+        p
+        for stage in stages
+        for p in (folder / "data.zarr" / stage).rglob("*")
+        if p.is_file() and "/c" in str(p) and "status" not in str(p)
+    ]
+    before = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in own}
+    plain = make_plan(from_document(document), installed_stages())
+    asked = make_plan(from_document({**document, "wanted": ["sharpen.rgb_camera", "mtf50_gain"]}), installed_stages())
+    assert {c.ref: (c.key, c.seed) for c in asked.cells.values()} == {c.ref: (c.key, c.seed) for c in plain.cells.values()}
+    etendue.simulate(document, archive=folder, want=["sharpen.rgb_camera", "mtf50_gain"])
+    assert float(xr.open_datatree(folder / "data.zarr", engine="zarr")["sharpen"].mtf50_gain) > 1
+    after = {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in before}
+    assert len(before) > 5
+    assert after == before
+    etendue.simulate(document, archive=folder)  # asked for no longer: it stays
+    assert float(xr.open_datatree(folder / "data.zarr", engine="zarr")["sharpen"].mtf50_gain) > 1
+
+
+def test_what_is_left_out_has_its_figures_all_the_same():
+    document = {**CAMERA, "stages": [*CAMERA["stages"][:-1], {"use": "sharpen", "strength": 0.0}]}
+    found = etendue.simulate(document, want=["sharpen.rgb_camera", "noise_gain"])["sharpen"]
+    assert int(found.status) == 1
+    assert float(found.noise_gain) == 1.0
 
 
 def place(picture):
@@ -282,7 +315,7 @@ def place(picture):
 PLANES = [{"use": "no_mask"}, {"use": "ideal_mosaic", "clip": False}, {"use": "no_demosaicing"}]
 
 
-@pytest.mark.parametrize("use", [*WITH_FIGURES[2:], "wiener", "richardson_lucy"])
+@pytest.mark.parametrize("use", ["wiener", "richardson_lucy"])
 def test_where_a_pixel_sees_beside_its_middle_the_edge_is_put_back_in_its_place(use):
     """A transfer function with a phase: undone by its conjugate, not doubled."""
     options = {"noise_variance": 1e-5} if "wiener" in use else {"stop": 0.0}
@@ -308,34 +341,32 @@ def behind(use, restoring):
 
 @pytest.mark.parametrize("use", WITH_FIGURES)
 def test_behind_a_blur_without_a_transfer_function_no_figure_rests_on_the_rest_of_the_camera(use):
-    known = etendue.simulate(behind("diffraction", use))["restored"]
-    unknown = etendue.simulate(behind("aberrations", use))["restored"]
+    known = etendue.simulate(behind("diffraction", use), want=FIGURES)["restored"]
+    unknown = etendue.simulate(behind("aberrations", use), want=FIGURES)["restored"]
     assert known.mtf50_gain > 1 and math.isnan(unknown.mtf50_gain)
-    if use in ("restore_laplacian", "restore_unsharp"):  # their filter hangs on no camera
+    if use in ("sharpen", "unsharp"):  # their filter hangs on no camera
         assert unknown.noise_gain == known.noise_gain
     else:
         assert math.isnan(unknown.noise_gain)
     assert np.all(np.isfinite(unknown.rgb_camera))
 
 
-@pytest.mark.parametrize("use", ["wiener", "richardson_lucy", *WITH_FIGURES])
+@pytest.mark.parametrize("use", ["wiener", "richardson_lucy"])
 def test_a_plan_says_that_a_blur_is_unknown_to_the_restoration(use):
     def warnings(lens):
         return [text for text in make_plan(from_document(behind(lens, use)), installed_stages()).warnings if text.startswith("restored: ")]
 
     (text,) = warnings("aberrations")
     assert "what aberrations does to light is no transfer function" in text
-    assert ("NaN" in text) == (use in WITH_FIGURES)
+    assert "its figures are NaN" in text
     assert warnings("diffraction") == warnings("wavefront") == []
 
 
-REAL_LENS = {"real_lens", "real_lens_distortion"}  # of a plugin that may be installed
-
-
-def test_every_installed_stage_that_moves_light_without_a_transfer_function_is_known_to_the_warning():
-    registry = installed_stages()
-    light = {n: k for n, k in ((n, registry.load(n)) for n in registry.names()) if "irradiance" in k.reads and "irradiance" in k.writes}
-    assert {"aberrations", "lens_psf_field", "distortion"} == {n for n, k in light.items() if unknown_blur({n: k}, "so")} - REAL_LENS
+def test_a_warp_and_a_blur_that_changes_over_the_field_move_light_and_a_transfer_function_does_not():
+    kinds = {name: installed_stages().load(name) for name in installed_stages().names()}
+    moving = {name for name, kind in kinds.items() if moves_light(kind)}
+    assert {"aberrations", "lens_psf_field", "distortion"} <= moving
+    assert not {"diffraction", "wavefront", "falloff", "vignetting", "optical_filter", "pixel"} & moving
 
 
 def test_the_example_of_a_stage_that_looks_at_the_camera_gives_a_transfer_function():
@@ -347,11 +378,6 @@ def test_the_example_of_a_stage_that_looks_at_the_camera_gives_a_transfer_functi
     camera = space["run"](None, None, light_of(4.0, 4.0), along, along)
     assert_allclose(camera[:, 0, 0], 1.0, rtol=1e-14)
     assert camera.shape == (3, 8, 5) and np.all(np.abs(camera) <= 1 + 1e-14)
-
-
-def test_stages_of_both_families_are_not_alternatives_of_each_other():
-    with pytest.raises(RequestError, match="alternatives write the same"):
-        etendue.simulate(restored(["wiener", "restore_wiener"]))
 
 
 # -- noise
@@ -381,5 +407,5 @@ def test_the_noise_that_restoration_reckons_with_is_that_of_the_camera(read_nois
 def test_resolution_is_what_the_search_of_the_other_figures_finds():
     """`mtf50_gain` of no restoration is 1 exactly, of the same search on the same curve."""
     transfers = light_of(8.0, 4.0)
-    assert RestoreLaplacian(pixel_pitch=4.0, strength=0.0).run(picture(), transfers)["mtf50_gain"] == 1.0
+    assert Sharpen(pixel_pitch=4.0, strength=0.0).run(picture(), transfers, ASKED)["mtf50_gain"] == 1.0
     assert contrast.mtf50(lambda f: green(transfers, f, 4.0)[None], None, 1.0, 256) < 0.5

@@ -334,15 +334,14 @@ def test_short_names_of_axes_are_unique():
 
 
 def test_every_stage_has_its_line_under_what_it_is_for(inside):
-    """Scenes first, figures last, in the order in which light passes; every installed stage once, with its first sentence."""
+    """Scenes first, resolution last, in the order in which light passes; every installed stage once, with its first sentence."""
     code, out, _ = inside("stages")
     assert code == 0
-    titles = ["scenes", "light and lens", "pixel and colour filter array", "exposure, noise and read-out", "reconstruction", "figures"]
-    places = [out.index(f"\n{title}") if title != "scenes" else out.index(title) for title in titles]
+    places = [out.index(f"\n{role} ") for role in ("scene", "lens", "pixel", "shot noise", "demosaicing", "display encoding", "resolution")]
     assert places == sorted(places)
     documents = strict(inside("stages", "--json")[1])
     for document in documents:
-        assert sum(line.startswith(f"{document['name']}  ") for line in out.splitlines()) == 1
+        assert sum(line.startswith(f"  {document['name']}  ") for line in out.splitlines()) == 1
     assert "(eq. 11)" in " ".join(out.split())  # an abbreviation does not end a sentence
 
 

@@ -276,7 +276,9 @@ def test_other_masks_go_out_as_they_are_or_are_refused(pattern, shape, tmp_path,
 
 
 def test_repeated_and_bracketed_frames_are_files_of_their_own(tmp_path, run):
-    text = PIPELINE[: PIPELINE.index("[sweep]")].replace('use = "exposure"', 'use = "exposure_series"\nrepeats = 1\nbrackets = [-1, 0]')
+    text = PIPELINE[: PIPELINE.index("[sweep]")].replace(
+        'use = "exposure"', 'use = "bracket"\nrepeats = 1\nbrackets = [-1, 0]\n[[stages]]\nuse = "exposure"'
+    )
     tail = text[text.index('[[stages]]\nuse = "white"') : text.index('[[stages]]\nuse = "camera_to_xyz"')]
     etendue.simulate(text[: text.index('[[stages]]\nuse = "linearise"')] + tail, archive=tmp_path / "series")
     assert run("series", "--dng")[0] == 0

@@ -70,10 +70,10 @@ def test_a_run_interrupted_at_some_instants_leaves_nothing_and_is_mended(tmp_pat
 
 
 def test_a_stage_that_hangs_in_a_thread_does_not_hold_ctrl_c_up(tmp_path):
-    from tests.cli.test_plugins import MODULE, install
+    from tests.cli.test_plugins import MODULE, install_twice
 
     source = "import time\n" + MODULE.replace('return {"irr', "print('asleep', flush=True); time.sleep(600); return {\"irr")
-    install(tmp_path / "site", "twice-light", "twice_light", source, "twice")
+    install_twice(tmp_path / "site", source)
     (tmp_path / "file.toml").write_text(
         'name = "a"\n[[stages]]\nuse = "uniform"\nwhite_luminance = "1000 cd m-2"\nwidth = "8 um"\nheight = "8 um"\nbin_width = "100 nm"\n'
         '[[stages]]\nuse = "irradiance"\n[[stages]]\nuse = "twice"\n'

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, Bands, Facts, Grid, Line, Stage, param
+from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Line, Source, Stage, Transfer, param
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ class FalselyUniform(Sound):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NotNegligible(Sound):
+class NotNegligible(Sound, Bounded):
     def negligible(self, facts: Any, grid: Any) -> tuple[float, str]:
         return 1e-3, "it is said to do little"
 
@@ -158,6 +158,11 @@ class OtherUnit(Sound):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OtherUnitOfAVariable(Sound):
+    writes: ClassVar = {"charge": "y x [DN]"}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Remembering(Sound):
     seen: ClassVar[list[float]] = []
 
@@ -192,7 +197,7 @@ class MovingGrid(Sound):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LosingLight(Stage):
+class LosingLight(Transfer):
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     negative: ClassVar = "keep"
@@ -222,7 +227,7 @@ class SilentlyNegative(LosingLight):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FalseSource(Stage):
+class FalseSource(Source):
     """Says that it is uniform with a contrast of 1, and draws a ramp."""
 
     writes: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]"}
@@ -251,7 +256,7 @@ class OtherShape(FalseContrast):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WholeOnly(Stage):
+class WholeOnly(Banded):
     """Says that it can work band by band, and divides by the brightest band it sees."""
 
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}

@@ -31,6 +31,7 @@ BROKEN = [
     (broken.BareParameter, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "without param"),
     (broken.DefaultOutOfRange, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "default is refused"),
     (broken.OtherUnit, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "in mm"),
+    (broken.OtherUnitOfAVariable, "test_the_declaration_is_well_formed", "writes charge in DN, which is in electron"),
     (broken.Remembering, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),
     (broken.Unseeded, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),
     (broken.LetsUndefinedPass, "test_undefined_input_meets_the_declared_policy", "but fails on nan"),

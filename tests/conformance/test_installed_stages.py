@@ -5,7 +5,9 @@ import pytest
 
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.registry import installed_stages
-from etendue.spec.stage import MISSING, is_source, parameters_of
+from etendue.spec.capabilities import is_source
+from etendue.spec.parameter import MISSING
+from etendue.spec.stage import parameters_of
 from etendue.testing import StageConformance
 
 LIGHT = {"white_luminance": 1000.0, "width": 21.0, "height": 17.0, "bin_width": 20.0}
@@ -104,8 +106,9 @@ VARIANTS = {
     ],
     "mosaic": [{"pattern": "GBRG"}, {"pattern": "quad-BGGR"}, {"pattern": "X-Trans"}, {"pattern": "RGB/BRG/GBR"}],
     "exposure": [{"prnu": 0.0, "dark_nonuniformity": 0.0}, {"dark_current_density": 0.0}, {"integration_time": 1e-6}],
-    "exposure_series": [{"repeats": 1, "brackets": (-2.0, 0.0, 3.0)}, {"prnu": 0.0, "dark_nonuniformity": 0.0}],
-    "exposure_metered": [{"metering": "highlight", "ev_bias": -1.0}, {"metering": "centre"}, {"metering": "exposure_value"}],
+    "bracket": [{"repeats": 1, "brackets": (-2.0, 0.0, 3.0)}],
+    "merge_frames": [{"method": "mean"}, {"method": "sigma_clipped"}, {"around": 0}],
+    "meter": [{"metering": "highlight", "ev_bias": -1.0}, {"metering": "centre"}, {"metering": "exposure_value"}],
     "defects": [{"hot": 0.0, "dead": 0.0}, {"hot": 0.5, "dead": 0.4}],
     "stuck_pixels": [{"stuck": 0.0}, {"stuck": 0.5, "level": 1.0}],
     "line_pattern": [{"row_pattern": 3.0, "column_pattern": 2.0, "row_noise": 1.0, "column_noise": 1.0}, {"noise": "common"}],
@@ -134,10 +137,6 @@ VARIANTS = {
     "denoise": [{"strength": 0.0}, {"strength": 5.0, "radius": 4}, {"read_noise": 0.0, "dsnu": 0.0, "full_well_density": 1e5}],
     "wiener": [{"nodes": 64}, {"exponent": 0.0, "noise_variance": 1e-12}, {"largest_gain": 1.0, "aliasing": "ignored"}],
     "richardson_lucy": [{"nodes": 64, "stop": 0.0}, {"iterations": 40, "stop": 0.0}, {"total_variation": 0.01, "start": "mean"}],
-    "restore_laplacian": [{"strength": 0.0}],
-    "restore_unsharp": [{"amount": 0.0}],
-    "restore_wiener": [{"noise_variance": 1.0}],
-    "restore_richardson_lucy": [{"stop": 0.0, "iterations": 1}],
     "exposure_numbers": [{"temperature": 400.0}, {"analogue_gain": 4.0}],
     "white": [
         {"crosstalk": "through_filter", "pattern": "X-Trans"},

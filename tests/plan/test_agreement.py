@@ -8,7 +8,8 @@ import etendue
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import from_document
-from etendue.spec.stage import MISSING, parameters_of
+from etendue.spec.parameter import MISSING
+from etendue.spec.stage import parameters_of
 from etendue.stages.colour.display import Display, ToXyz
 from etendue.stages.colour.display_white import MEASURED, white_of
 from etendue.stages.colour.tristimulus import Balance

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
+from types import ModuleType, SimpleNamespace
 from typing import Any, ClassVar
 
 import pytest
 
-from etendue.api import Bands, Facts, Grid, Line, Stage, param
+from etendue.api import Bands, Bounded, Facts, Grid, Line, Source, Stage, hookimpl, param
+from etendue.discovery import Discovery
 from etendue.errors import PluginError, RequestError
 from etendue.plan.planner import make_plan
-from etendue.registry import Installed, Registry
+from etendue.registry import Registry
+from etendue.spec.capabilities import check_class
 from etendue.spec.pipeline import parse_pipeline
-from etendue.spec.stage import check_class
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
 GRID = Grid.of({"wavelength": Bands((400.0, 700.0)), "y": Line(8), "x": Line(9)})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lamp(Stage):
+class Lamp(Source):
     writes: ClassVar = {"irradiance": LIGHT}
 
     def describe(self) -> Any:
@@ -31,7 +34,7 @@ class Lamp(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Filter(Stage):
+class Filter(Bounded):
     reads: ClassVar = {"irradiance": LIGHT}
     writes: ClassVar = {"irradiance": LIGHT}
     strength: float = param(1.0)
@@ -39,22 +42,32 @@ class Filter(Stage):
     def run(self, irradiance: Any, rng: Any) -> Any:
         return {}
 
+    def negligible(self, facts: Any, grid: Any) -> Any:
+        return None
 
-class Given(Registry):
-    """A registry of two classes, as if installed."""
 
-    def __init__(self, **kinds: type[Stage]) -> None:
-        super().__init__({name: [] for name in kinds})
-        self._loaded = dict(kinds)
+class Point:
+    """An entry point of bad-light 1.0, whose manifest has these stages."""
 
-    def installed(self, name: str) -> Installed:
-        return Installed(name, "bad-light", "1.0", "bad_light")
+    name, value, dist = "bad-light", "bad_light", SimpleNamespace(name="bad-light", version="1.0")
+
+    def __init__(self, stages: dict[str, Any]) -> None:
+        self.manifest = ModuleType("bad_light")
+        self.manifest.etendue_stages = hookimpl(lambda: stages)
+
+    def load(self) -> ModuleType:
+        return self.manifest
+
+
+def given(**stages: Any) -> Registry:
+    """A registry of these stages, as if installed."""
+    return Registry(Discovery([Point(stages)]))
 
 
 def faults(lamp: type[Stage], filter_: type[Stage]) -> str:
     text = '[[stages]]\nuse = "lamp"\n[[stages]]\nuse = "filter"\n'
     with pytest.raises(RequestError) as caught:
-        make_plan(parse_pipeline(text), Given(lamp=lamp, filter=filter_))
+        make_plan(parse_pipeline(text), given(lamp=lamp, filter=filter_))
     assert len(caught.value.faults) == 1
     return str(caught.value)
 
@@ -158,12 +171,13 @@ def test_a_class_that_says_nonsense_of_itself_is_no_stage(own):
 
 
 def test_what_a_hook_raises_is_the_fault_of_its_distribution(monkeypatch):
-    class Hook:
-        def load(self):
-            raise KeyboardInterrupt  # by the plugin: no signal has come
+    def raises(name: str) -> None:
+        raise KeyboardInterrupt  # by the plugin: no signal has come
 
-    registry = Given(filter=Filter)
-    registry._loaded, registry._points = {}, {"filter": [Hook()]}
-    monkeypatch.setattr("etendue.registry.is_ours", lambda error: False)
+    module = ModuleType("bad_light")
+    module.__getattr__ = raises
+    monkeypatch.setitem(sys.modules, "bad_light", module)
+    registry = given(filter="bad_light:Filter")
+    monkeypatch.setattr("etendue.discovery.is_ours", lambda error: False)
     with pytest.raises(PluginError, match=r"'filter' of bad-light 1.0 cannot be loaded: KeyboardInterrupt"):
         registry.load("filter")

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import etendue
 from etendue.plan import keys
 from etendue.registry import installed_stages
-from etendue.spec.stage import MISSING, parameters_of
+from etendue.spec.parameter import MISSING
+from etendue.spec.stage import parameters_of
 from tests.plan.given import CAMERA, SCENE, chain, changed, keys_of, plan_of
 
 BEHIND_PIXEL = {"pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}

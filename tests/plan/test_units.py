@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etendue.plan.parameters import Unfit, axis_values, resolve
-from etendue.spec.stage import Parameter
+from etendue.spec.parameter import Parameter
 from etendue.spec.units import UnitError, parse_unit, to_unit
 
 HERE = Path()

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param
+from etendue.api import Bands, Facts, Grid, Line, Source, Stage, hookimpl, param
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
 KEPT = []  # what a stage goes on holding
@@ -137,7 +137,7 @@ WHOLE = {"gives nothing": None, "gives an array": np.ones(3), "gives too little"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lamp(Stage):
+class Lamp(Source):
     """A ramp of light that needs no tables."""
 
     writes: ClassVar = {"irradiance": LIGHT}

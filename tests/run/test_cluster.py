@@ -32,7 +32,7 @@ def test_a_scheduler_that_cannot_be_reached_is_said_to_be_that(monkeypatch):
 
 @pytest.mark.skipif(not os.environ.get("ETENDUE_CLUSTER"), reason="slow")
 def test_only_the_guilty_cell_fails_and_a_scheduler_that_dies_is_named(tmp_path):
-    install(tmp_path / "site", "naughty-light", "naughty_light", Path(misbehaving.__file__).read_text(), "lamp", "naughty", "witness")
+    install(tmp_path / "site", "naughty-light", "naughty_light", Path(misbehaving.__file__).read_text())
     (tmp_path / "file.toml").write_text(PIPELINE)
     address = "tcp://127.0.0.1:18787"
     env = environment(PYTHONPATH=str(tmp_path / "site"))

@@ -92,14 +92,20 @@ def test_a_parameter_of_a_left_out_stage_counts_for_the_draws_behind_it(tmp_path
     """Random numbers are keyed by the parameter values of all ancestors, left out or not: the key must say so."""
     flat = {"scene.use": "uniform", "camera.focal_length": "1 m"}
     first = plan_of(flat)
-    other = plan_of({**flat, "diffusion.nodes": 512})
-    assert first.of("diffusion")[0].left_out
-    assert first.of("diffusion")[0].key == other.of("diffusion")[0].key
+    other = plan_of({**flat, "falloff.model": "disc"})
+    assert first.of("falloff")[0].left_out and other.of("falloff")[0].left_out
+    assert first.of("falloff")[0].key == other.of("falloff")[0].key
     assert first.of("shot_noise")[0].key != other.of("shot_noise")[0].key
     run(first, tmp_path / "a")
     run(other, tmp_path / "a")
     run(other, tmp_path / "fresh")
     assert_same_archives(tmp_path / "a", tmp_path / "fresh")
+
+
+def test_a_knob_of_fidelity_changes_no_draw():
+    first, other = plan_of(THREE), plan_of({**THREE, "diffusion.nodes": 512})
+    assert [c.key for c in first.of("diffusion")] != [c.key for c in other.of("diffusion")]
+    assert [c.seed for c in first.of("shot_noise")] == [c.seed for c in other.of("shot_noise")]
 
 
 def test_a_probe_of_transfer_functions_sees_a_change_of_a_left_out_stage(tmp_path):

@@ -60,7 +60,7 @@ def place(tmp_path_factory):
     info = place / "site" / "picky-0.1.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: picky\nVersion: 0.1\n")
-    (info / "entry_points.txt").write_text("[etendue.stages]\npicky = picky_stage\n")
+    (info / "entry_points.txt").write_text("[etendue]\npicky = picky_stage\n")
     (place / "site" / "picky_stage.py").write_text(MODULE)
     (place / "small.toml").write_text(PIPELINE)
     return place

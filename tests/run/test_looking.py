@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue import hookspecs
+from etendue.discovery import Discovery, installed
 from etendue.errors import RequestError
+from etendue.hookspecs import GROUP
 from etendue.plan.planner import make_plan
-from etendue.registry import Registry, installed_stages
+from etendue.registry import Registry
 from etendue.run.otf import Otf
 from etendue.session import load
 from etendue.stages.optics.lens import LensGaussian
@@ -20,14 +21,12 @@ from etendue.stages.sensor.pixel import Diffusion, Pixel
 from tests.run.small import BARE, assert_same_arrays, by_labels, run
 
 EDGES = (400.0, 500.0, 600.0, 700.0)
-OWN = ("restore", "nosy", "sizes", "parts")
 WIDE = np.linspace(0.0, 0.3, 80)
 
 
 def registry():
     """What is installed, and the stages beside this file."""
-    own = {name: [EntryPoint(name, "tests.run.looking", hookspecs.GROUP)] for name in OWN}
-    return Registry({**installed_stages()._points, **own})
+    return Registry(Discovery([*installed().points, EntryPoint("own", "tests.run.looking", GROUP)]))
 
 
 def plan_of(overrides=None, tail="restore", text=BARE):
@@ -152,8 +151,8 @@ def test_a_probe_of_two_variables_has_all_their_stages_in_order_and_their_grids(
 
 
 def test_alternatives_may_differ_in_what_they_look_at():
-    """`sharpen` reads the picture alone, `restore` the transfer functions too; each is keyed by what it reads."""
-    sweep = {"sweep.sharpen.use": ["sharpen", "restore"]}
+    """`denoise` reads the picture alone, `restore` the transfer functions too; each is keyed by what it reads."""
+    sweep = {"sweep.sharpen.use": ["denoise", "restore"]}
     plan, other = plan_of(sweep, tail=""), plan_of({**sweep, "diffusion.nodes": 2048}, tail="")
     looked = [dict(cell.looks_at) for cell in plan.of("sharpen")]
     assert looked[0] == {}

@@ -32,7 +32,7 @@ SHAPES = {"gives nothing": "NoneType", "gives an array": "ndarray", "gives too l
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     place = tmp_path_factory.mktemp("misbehaving")
-    install(place / "site", "naughty-light", "naughty_light", Path(misbehaving.__file__).read_text(), "lamp", "naughty", "witness")
+    install(place / "site", "naughty-light", "naughty_light", Path(misbehaving.__file__).read_text())
     (place / "file.toml").write_text(PIPELINE)
     return place
 

@@ -2,17 +2,16 @@
 
 import ast
 import dataclasses
-import re
 from pathlib import Path
 
 import pytest
 
 import etendue
 from etendue.api import Stage, param
-from etendue.spec import stage as words
-from etendue.spec.stage import WORDS, ends_in_sum, has_method, is_source, is_transfer, parameters_of, word_of
+from etendue.spec.capabilities import CAPABILITIES, check_class, ends_in_sum, is_source, is_transfer
+from etendue.spec.stage import WORDS, parameters_of
 
-METHODS = sorted(set(re.findall(r"^    (\w+)\(self", words.__doc__, re.M)) | {"viewing_white", "sigma"})
+METHODS = sorted(CAPABILITIES)
 
 
 def with_parameter(name, default):
@@ -22,20 +21,24 @@ def with_parameter(name, default):
 
 @pytest.mark.parametrize("default", ["source", 0.5, print], ids=["text", "number", "callable"])
 @pytest.mark.parametrize("name", METHODS)
-def test_a_parameter_is_no_method_whatever_its_name(name, default):
+def test_a_parameter_is_no_capability_whatever_its_name(name, default):
     kind = with_parameter(name, default)
-    assert not has_method(kind, name)
+    assert name in parameters_of(kind)
+    assert not any(issubclass(kind, base) for base in CAPABILITIES.values())
     assert not (is_source(kind) or is_transfer(kind) or ends_in_sum(kind))
-    assert has_method(type("Able", (Stage,), {name: lambda self: None}), name)
 
 
-def test_the_methods_of_the_contract_are_all_there():
-    assert {"describe", "grid", "prepare", "transfer", "weights", "by_band", "warn", "run", "negligible", "carry", "error"} <= set(METHODS)
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method_of_a_capability_without_its_base_is_refused_with_the_base(name):
+    able = type("Able", (Stage,), {name: lambda self, *given: None, "run": lambda self: {}})
+    with pytest.raises(TypeError, match=rf"Able has {name}.*derive it from etendue\.api\.{CAPABILITIES[name].__name__}"):
+        check_class(able)
 
 
-def test_what_a_class_says_is_not_said_by_a_parameter():
-    kind = with_parameter("nanoseconds", 5.0)
-    assert word_of(kind, "nanoseconds", 30.0) == word_of(kind(), "nanoseconds", 30.0) == 30.0
+@pytest.mark.parametrize("name", METHODS)
+def test_a_capability_without_its_method_is_refused_by_name(name):
+    with pytest.raises(TypeError, match=f"Lame has no .*{name}"):
+        check_class(type("Lame", (CAPABILITIES[name],), {"run": lambda self: {}}))
 
 
 @pytest.mark.parametrize("name", sorted(WORDS))
@@ -50,6 +53,6 @@ def test_no_room_asks_for_a_method_of_a_stage_by_its_bare_name():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("hasattr", "getattr"):
                 name = node.args[1]
-                if isinstance(name, ast.Constant) and name.value in METHODS:
+                if isinstance(name, ast.Constant) and name.value in {*METHODS, *WORDS}:
                     asked.append(f"{path.name}:{node.lineno} {name.value}")
     assert not asked

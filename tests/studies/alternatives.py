@@ -5,9 +5,10 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 
-from etendue import hookspecs
 from etendue.api import RGB, Stage, hookimpl, param, quantity
-from etendue.registry import Registry, installed_stages
+from etendue.discovery import Discovery, installed
+from etendue.hookspecs import GROUP
+from etendue.registry import Registry
 from etendue.stages.quality.ideal import IdealMosaic
 
 
@@ -102,12 +103,9 @@ STAGES = {
 
 @hookimpl
 def etendue_stages():
-    return STAGES
+    return {**STAGES, "cannot_load": "tests.studies.no_such_module:Stage"}
 
 
 def registry():
-    """The installed stages, these, and one that cannot be loaded."""
-    points = dict(installed_stages()._points)
-    points |= {name: [EntryPoint(name, __name__, hookspecs.GROUP)] for name in STAGES}
-    points["cannot_load"] = [EntryPoint("cannot_load", "tests.studies.no_such_module", hookspecs.GROUP)]
-    return Registry(points)
+    """The installed stages, and these."""
+    return Registry(Discovery([*installed().points, EntryPoint("own", __name__, GROUP)]))

@@ -5,8 +5,9 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 
-from etendue import hookspecs
 from etendue.api import RGB, Noisy, Stage, hookimpl, param, quantity
+from etendue.discovery import Discovery, installed
+from etendue.hookspecs import GROUP
 from etendue.registry import Registry, installed_stages
 
 
@@ -126,7 +127,7 @@ def etendue_stages():
 
 def registry():
     """The installed stages, and these."""
-    return Registry(dict(installed_stages()._points) | {name: [EntryPoint(name, __name__, hookspecs.GROUP)] for name in STAGES})
+    return Registry(Discovery([*installed().points, EntryPoint("own", __name__, GROUP)]))
 
 
 PREFIX = "zz_"
@@ -136,8 +137,17 @@ class Renamed(Registry):
     """The installed stages, none under its own name."""
 
     def __init__(self):
+        super().__init__(installed())
         self.known = installed_stages()
-        super().__init__({f"{PREFIX}{name}": points for name, points in self.known._points.items()})
+
+    def names(self):
+        return [f"{PREFIX}{name}" for name in self.known.names()]
+
+    def __contains__(self, name):
+        return name in self.names()
+
+    def installed(self, name):
+        return self.known.installed(name.removeprefix(PREFIX))
 
     def load(self, name):
         return self.known.load(name.removeprefix(PREFIX))

@@ -62,6 +62,7 @@ class CellFiles:
     run_id: str
     chunks: tuple[ChunkFile, ...]
     durable: bool = False
+    held: tuple[Written, ...] = ()  # chunks that are stored and right: they stay as they are
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
         """Write every chunk beside its place and rename it there."""
@@ -71,8 +72,11 @@ class CellFiles:
             owner = b""
         if owner != self.run_id.encode():
             raise ArchiveInUse(f"{self.root} belongs to another run now; this one stops")
-        written = []
+        written = list(self.held)
+        there = {file.path for file in self.held}
         for chunk in self.chunks:
+            if chunk.path in there:
+                continue
             array = arrays[chunk.variable]
             data = encode(array if chunk.band is None else array[chunk.band])
             disk.write(self.root, chunk.path, data, self.durable)

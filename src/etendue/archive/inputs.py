@@ -23,8 +23,9 @@ from etendue.plan.model import Plan
 from etendue.plan.parameters import resolve_file
 from etendue.registry import installed_stages
 from etendue.spec import toml
+from etendue.spec.parameter import Parameter
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Parameter, file_state, parameters_of
+from etendue.spec.stage import file_behind, file_state, parameters_of
 
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 
@@ -60,9 +61,10 @@ class _Resolver:
             return [self.value(one, parameter) for one in value]
         if parameter is None or not isinstance(value, str) or not value:
             return value
-        if not (parameter.file or (parameter.table and value.endswith(".csv"))):
+        behind = file_behind(value, parameter)
+        if not behind:
             return value
-        path = str(resolve_file(value, self.pipeline.folder, parameter.folder))
+        path = str(resolve_file(behind, self.pipeline.folder, parameter.folder))
         name = f"{file_digest(path)}{Path(path).suffix}"
         self.inputs[name] = path
         self.written[value] = f"../inputs/{name}"

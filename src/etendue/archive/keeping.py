@@ -15,7 +15,7 @@ from etendue.archive.layout import cell_name
 from etendue.archive.provenance import records
 from etendue.archive.store import Archive
 from etendue.errors import ArchiveError
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import CellRef, Node, Plan
 from etendue.plan.resume import with_stored_values
 
 
@@ -78,6 +78,7 @@ def staying(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str
 
     A stage of which something is kept goes on with all that is stored of it: one status holds for all its variables.
     """
+    plan = replace(plan, nodes=tuple(_with_optional(node, stored) for node in plan.nodes))
     names = {cell_name(plan, ref): cell for ref, cell in plan.cells.items()}
     lost, kept, stay = Lost(), set(plan.kept), []
     by_stage: dict[str, list[tuple[str, Entry]]] = {}
@@ -98,6 +99,13 @@ def staying(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str
             stay.append(node.name)
         kept |= extra
     return replace(plan, kept=frozenset(kept)), stay, lost
+
+
+def _with_optional(node: Node, stored: set[tuple[str, str]]) -> Node:
+    """A stage that goes on writing what was once asked for."""
+    back = {v: d for v, d in node.optional.items() if (node.name, v) in stored}
+    rest = {v: d for v, d in node.optional.items() if v not in back}
+    return replace(node, writes={**node.writes, **back}, optional=rest) if back else node
 
 
 def pruned(plan: Plan, entries: Mapping[str, Entry]) -> Lost:

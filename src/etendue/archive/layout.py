@@ -12,8 +12,9 @@ from typing import Any
 
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node, Plan
+from etendue.spec import camera
 from etendue.spec.grid import Bands, Coordinate, Labels, Line
-from etendue.spec.variables import LONG_NAMES
+from etendue.spec.variables import variable
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {
@@ -23,7 +24,6 @@ STATUS_ATTRIBUTES = {
     "flag_meanings": " ".join(STATUS),
 }
 BOUNDS = "wavelength_bounds"
-AXIS_NAMES = {"f_number": "f-number", "pixel_pitch": "pixel pitch", "integration_time": "integration time"}
 
 
 @dataclass
@@ -128,7 +128,7 @@ def _shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
 def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kept: Sequence[str]) -> None:
     for dim in group.axes:
         axis = plan.axis(dim)
-        attrs = {"long_name": AXIS_NAMES.get(axis.key, axis.key), "units": axis.units or "1", "parameter": axis.key}
+        attrs = {"long_name": camera.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
         group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
     for cell in cells:
         labels = plan.labels(cell.ref)
@@ -137,7 +137,7 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         declaration = node.writes[name]
         grid = cells[0].grids[name]
         dims = declaration.dims
-        attrs = {"units": declaration.unit, "long_name": LONG_NAMES.get(name, name.replace("_", " "))}
+        attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)

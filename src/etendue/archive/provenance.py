@@ -22,6 +22,7 @@ from etendue.archive.inputs import Resolved, as_recorded
 from etendue.archive.manifest import Manifest, digest_of
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Plan
+from etendue.spec.found import Found
 
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
@@ -65,6 +66,8 @@ def node_records(plan: Plan) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """A value as JSON: files by content, infinity in words."""
+    if isinstance(value, Found):
+        return "found while running"
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):

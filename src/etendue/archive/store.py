@@ -36,7 +36,7 @@ from etendue.archive.tree import ROOT, incompatible
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.names import TABLES
-from etendue.spec.ports import CellReport
+from etendue.spec.ports import CellReport, Written
 
 ABANDONED = "abandoned"  # in place of the owner's id: a stage did not end when the run was interrupted
 CHUNK = re.compile(r"c(\.\d+)*")
@@ -57,6 +57,7 @@ class Archive:
         if self.folder.is_symlink():  # Python 3.13 gives a circle of links back as it is
             raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
+        self.held: dict[CellRef, tuple[Written, ...]] = {}  # of cells of which more is asked for than is stored: what stays
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.run_id = uuid.uuid4().hex
 
@@ -194,7 +195,10 @@ class Archive:
         paths = [chunk.path for chunk in self.laid.chunk_paths(cell)]
         if fit(entry, paths, self.folder):
             return True
-        if {file.path for file in entry.files} & set(paths):  # else it was computed, and not kept
+        known = {file.path: file for file in entry.files if file.path in paths}
+        if known and fit(entry, known, self.folder):  # more is asked for than there is: the rest is added to it
+            self.held[ref] = tuple(known.values())
+        elif known:  # else it was computed, and not kept
             self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
         return False
 
@@ -314,7 +318,7 @@ class Archive:
                 disk.write(self.folder, f"{DATA}/{path}", files[path], self.durable)
 
     def target(self, cell: Cell) -> CellFiles:
-        return CellFiles(str(self.folder), self.run_id, self.laid.chunk_paths(cell), self.durable)
+        return CellFiles(str(self.folder), self.run_id, self.laid.chunk_paths(cell), self.durable, self.held.get(cell.ref, ()))
 
     # -- progress of a run ----------------------------------------------------------------------------
 

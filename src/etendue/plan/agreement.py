@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from etendue.plan.model import Cell, CellRef, Node
-from etendue.spec.stage import has_method
 
 
 def notes_on_agreement(nodes: Iterable[Node], cells: Mapping[CellRef, Cell]) -> list[str]:
@@ -26,7 +25,7 @@ def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
         found: dict[str, tuple[str, Any]] = {}
         for _, source, _ in cell.inputs:
             found |= assumed.get(source, {})
-        own = cell.stage.assumes() if has_method(type(cell.stage), "assumes") else {}  # type: ignore[attr-defined]
+        own = cell.stage.assumes()
         for what, value in own.items():
             before = found.get(what)
             if before is not None and before[1] != value:

@@ -15,8 +15,10 @@ from etendue.plan.model import Alternative, Axis
 from etendue.plan.parameters import Unfit, expected, resolve
 from etendue.plan.request import Request
 from etendue.spec import camera as standard_camera
+from etendue.spec.capabilities import is_transfer
+from etendue.spec.parameter import MISSING, Parameter
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import MISSING, Parameter, Stage, is_transfer, parameters_of, writes_of
+from etendue.spec.stage import Stage, parameters_of, writes_of
 from etendue.spec.units import as_written
 
 Entries = Mapping[str, tuple[Alternative, ...]]  # by the name of the stage
@@ -99,8 +101,7 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     try:
         code = code_digest(kind)
     except OSError as error:
-        whose = f"{use} of {installed.distribution} {installed.version}"
-        request.fault(place, f"{whose}: its code cannot be read: {error.strerror or type(error).__name__}")
+        request.fault(place, f"{use} of {installed.origin}: its code cannot be read: {error.strerror or type(error).__name__}")
         return None
     return Alternative(use, label, kind, values, installed.distribution, installed.version, code)
 
@@ -108,10 +109,6 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
 def _load(request: Request, use: str, place: str) -> type[Stage] | None:
     if use not in request.registry:
         request.fault(place, _no_stage(request, use))
-        return None
-    clash = request.registry.clash(use)
-    if clash:
-        request.fault(place, f"the stage {use!r} is offered by {' and '.join(clash)}; uninstall one of them")
         return None
     try:
         return request.registry.load(use)
@@ -122,13 +119,14 @@ def _load(request: Request, use: str, place: str) -> type[Stage] | None:
 
 def _no_stage(request: Request, use: str) -> str:
     names = request.registry.names()
-    return f"there is no stage {use!r}{nearest(use, names) or f'; {len(names)} are installed, listed by: etendue stages'}"
+    hint = nearest(use, names) or f"; {len(names)} are installed, listed by: etendue stages"
+    return f"there is no stage {use!r}{hint}{request.registry.found.missed('stages', use)}"
 
 
 def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:
-    first = {str(d) for d in writes_of(made[0].kind).values()}
+    first = {str(d) for d in writes_of(made[0].kind).values() if not d.optional}
     for other in made[1:]:
-        own = {str(d) for d in writes_of(other.kind).values()}
+        own = {str(d) for d in writes_of(other.kind).values() if not d.optional}
         for one, has, another, lacks in ((other, own, made[0], first), (made[0], first, other, own)):
             if has - lacks:
                 request.fault(place, f"{one.use} writes {_some(has - lacks)}, which {another.use} does not; alternatives write the same")

@@ -16,7 +16,7 @@ from etendue.errors import PluginError
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import NotKnown
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, has_method, writes_of
+from etendue.spec.stage import Stage, writes_of
 from etendue.telling import foreign, plain
 
 KNOWN_BY = ("proved", "fitted", "measured", "unknown")
@@ -107,8 +107,6 @@ def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
 
 def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     """What ``grid`` says of what a stage writes; nothing where it has none."""
-    if not has_method(type(stage), "grid"):
-        return {}
     with foreign(_name(stage, "grid")):
         try:
             found = stage.grid(dict(inputs))
@@ -155,8 +153,6 @@ def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
 
 def texts(stage: Any, method: str, *given: Any) -> list[str]:
     """What ``warn`` or ``warn_among`` has to say; nothing where there is no such method."""
-    if not has_method(type(stage), method):
-        return []
     with foreign(_name(stage, method)):
         try:
             found = getattr(stage, method)(*given)

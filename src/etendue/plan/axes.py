@@ -15,7 +15,8 @@ from etendue.plan.parameters import Unfit, axis_values
 from etendue.plan.quantities import Quantities
 from etendue.plan.request import Request
 from etendue.spec import camera as standard_camera
-from etendue.spec.stage import Parameter, parameters_of
+from etendue.spec.parameter import Parameter
+from etendue.spec.stage import parameters_of
 
 
 class _Target(NamedTuple):

@@ -13,8 +13,10 @@ from etendue.errors import nearest
 from etendue.plan.alternatives import Entries
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
+from etendue.spec.capabilities import Probe, ends_in_sum, is_transfer
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import Probe, ends_in_sum, is_transfer, looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.spec.stage import looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
 Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
@@ -49,7 +51,7 @@ def link(
             use_axis=use_axis,
             inputs=inputs,
             looks_at=looks_at,
-            writes={d.variable: d.led_by(mapped) for d in writes_of(made[0].kind).values()},
+            writes={d.variable: d.led_by(mapped) for d in _written(made)},
             axes=tuple(axis.dim for axis in axes if axis.dim in reach),
             mapped=mapped,
         )
@@ -103,6 +105,12 @@ def _taken_from_camera(name: str, made: tuple[Alternative, ...], inputs: tuple[B
 def _found_by(name: str, earlier: list[Node]) -> Node | None:
     """The last node that writes a camera quantity."""
     return next((n for n in reversed(earlier) if name in n.writes), None)
+
+
+def _written(made: tuple[Alternative, ...]) -> list[Declaration]:
+    """What all alternatives write, and what is optional in all of them."""
+    every = [set(writes_of(one.kind).values()) for one in made]
+    return [d for d in writes_of(made[0].kind).values() if not d.optional or all(d in own for own in every)]
 
 
 def _mapped(

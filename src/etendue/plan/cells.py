@@ -20,11 +20,12 @@ from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
 from etendue.plan.quantities import to_be_found
 from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
+from etendue.spec.capabilities import Bounded, Probe, Summed, is_random
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import Found
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, arguments_of, has_method, is_random, looks, parameters_of, quantities_of, reads_of, word_of, writes_of
+from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of, writes_of
 from etendue.spec.variables import Declaration
 from etendue.telling import plain
 
@@ -48,7 +49,7 @@ def expand(graph: Graph, pipeline: Pipeline, choice: Choice, told: Told = lambda
 
 def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
     """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
-    creates = word_of(stage, "creates", {})
+    creates = stage.creates
     found = {}
     for dim in declaration.dims:
         if given is not None and dim in given:
@@ -183,7 +184,7 @@ class _Expansion:
             for port, what, names in node.looks_at
             if port in reads_of(one.kind) and looks(reads_of(one.kind)[port]) == what
         )
-        ports = reads_of(one.kind)
+        ports, writes = reads_of(one.kind), {**node.writes, **node.optional}
         whole_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
         input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole_grids.items() if p in ports}
         input_facts = {p: self.cells[ref].facts for p, ref, v in inputs if p in ports}
@@ -191,12 +192,12 @@ class _Expansion:
         try:
             if node.is_source:
                 facts, declared = self.describe(node, stage)
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in writes.items()}
             else:
                 declared = asking.grids_of(stage, input_grids)
                 if mapped:
                     declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(one.kind).values()}
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in node.writes.items()}
+                grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
             decided = self.decide(node, stage, inputs, input_facts, whole_grids, grids)
             error_bound = self.error(node, stage, inputs, input_facts, input_grids)
@@ -233,12 +234,10 @@ class _Expansion:
         return (name, tuple(by_dim.get(dim, 0) for dim in self.nodes[name].axes))
 
     def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
-        if has_method(type(stage), "carry"):
-            return asking.carried(stage, facts, grids)
-        return UNKNOWN
+        return asking.carried(stage, facts, grids)
 
     def decide(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids_in: Any, grids: Mapping[str, Grid]) -> LeftOut | None:
-        if not self.choice.leave_out or not has_method(type(stage), "negligible"):
+        if not self.choice.leave_out or not isinstance(stage, Bounded):
             return None
         return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
 
@@ -251,7 +250,9 @@ class _Expansion:
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
-        names = {name for port, _, own in node.looks_at for name in own if port not in word_of(node.kind, "beside", ())}
+        beside = node.kind.beside if issubclass(node.kind, Probe) else ()
+        beside = node.kind.beside if issubclass(node.kind, Probe) else ()
+        names = {name for port, _, own in node.looks_at for name in own if port not in beside}
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
     def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:
@@ -322,9 +323,7 @@ class _Expansion:
         return known
 
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
-        if not has_method(type(stage), "error"):
-            return None, "unknown"
-        if node.segment and has_method(type(stage), "segment_error"):
+        if node.segment and isinstance(stage, Summed):
             before: list[Stage] = []
             ref = inputs[0][1]
             for _ in range(len(node.segment) - 1):

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from etendue.plan.model import Cell, Node
+from etendue.spec.capabilities import Summed
 from etendue.spec.grid import Grid
-from etendue.spec.stage import word_of
 from etendue.spec.variables import Declaration
 
 LARGEST_WHOLE = 128 << 20  # a variable with wavelength above this is made and stored one band at a time
@@ -39,7 +39,7 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     """Expected seconds of one cell on one thread."""
     if cell.left_out:
         return 2e-5
-    rate = word_of(type(cell.stage), "nanoseconds", 30.0)
+    rate = cell.stage.nanoseconds
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
         values = 1.6 * grid.count
@@ -54,7 +54,7 @@ def cell_memory(node: Node, cell: Cell, precision: str) -> int:
     own = sum(_held(d.dims, cell.grids[v], precision, item_bytes(d, precision)) for v, d in node.writes.items())
     read = sum(_held(tuple(dim for dim, _ in g.entries), g, precision, size) for g in cell.input_grids.values())
     grid = cell.input_grids[cell.inputs[0][0]] if node.segment else None
-    gathered = getattr(cell.stage, "wavelength_terms", 0) * size * grid["y"].size * grid["x"].size if grid else 0
+    gathered = (cell.stage.terms() if isinstance(cell.stage, Summed) else 0) * size * grid["y"].size * grid["x"].size if grid else 0
     return 2 * own + gathered + (5 * read if node.segment else 2 * read)
 
 

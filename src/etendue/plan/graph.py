@@ -7,7 +7,7 @@ Out: nodes in order, axes, camera values, wanted and kept variables; or one ``Re
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.errors import PluginError, RequestError, nearest
@@ -19,6 +19,7 @@ from etendue.plan.lacking import lacking
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.quantities import resolve_camera, to_be_found
 from etendue.plan.request import Request
+from etendue.plan.vocabulary import check_vocabulary
 from etendue.registry import Registry
 from etendue.spec.names import unfit_axis
 from etendue.spec.pipeline import Pipeline
@@ -51,6 +52,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
         if use_axis:
             swapped[entry.name] = use_axis
         request.whole = request.whole and bool(entries[entry.name])
+    check_vocabulary(request, entries)
     camera = resolve_camera(request, entries)
     axes, direct = resolve_axes(request, entries, camera, list(swapped.values()))
     nodes = link(request, entries, swapped, axes, direct)
@@ -58,6 +60,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
     _check_found(request, nodes, axes)
     _try_values(request, nodes, axes, camera.values)
     wanted = _wanted_of(request, nodes)
+    nodes = _as_asked(nodes, wanted)
     for text in pipeline.keep or ():
         _find_variable(request, text, nodes, "keep")
     if wanted and request.whole:
@@ -129,6 +132,17 @@ def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: M
                 request.fault(node.place, f"{one.use} of {one.distribution} {one.version}: {error}")
 
 
+def _as_asked(nodes: list[Node], wanted: tuple[tuple[str, str], ...]) -> list[Node]:
+    """The nodes without those optional variables that nobody wants, reads or looks at."""
+    asked = set(wanted) | {(source, variable) for n in nodes for bound in n.inputs for _, source, variable in bound}
+    asked |= {(name, what) for n in nodes for _, what, names in n.looks_at for name in names}
+    found = []
+    for node in nodes:
+        left = {v: d for v, d in node.writes.items() if d.optional and (node.name, v) not in asked}
+        found.append(replace(node, writes={v: d for v, d in node.writes.items() if v not in left}, optional=left) if left else node)
+    return found
+
+
 def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ...]:
     """What the file asks for; if nothing, what probes write, and all else that no stage reads or writes again."""
     if request.pipeline.wanted is not None:
@@ -138,7 +152,12 @@ def _wanted_of(request: Request, nodes: list[Node]) -> tuple[tuple[str, str], ..
         return tuple(dict.fromkeys(found))
     used = {(source, variable) for n in nodes for bound in n.inputs for _, source, variable in bound}
     last = {v: n.name for n in nodes for v in n.writes}
-    return tuple((n.name, v) for n in nodes for v in n.writes if n.is_probe or ((n.name, v) not in used and last[v] == n.name))
+    return tuple(
+        (n.name, v)
+        for n in nodes
+        for v, d in n.writes.items()
+        if not d.optional and (n.is_probe or ((n.name, v) not in used and last[v] == n.name))
+    )
 
 
 def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -> tuple[tuple[str, str], ...]:

@@ -15,8 +15,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etendue.spec.capabilities import is_transfer
 from etendue.spec.found import Found
-from etendue.spec.stage import Stage, file_state, files_of, is_transfer, parameters_of
+from etendue.spec.stage import Stage, file_state, files_of, parameters_of
 
 PACKAGE = Path(__file__).parent.parent
 FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants", "etendue.stages", "etendue.api")

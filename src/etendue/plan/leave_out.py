@@ -13,9 +13,10 @@ from typing import Any
 
 from etendue.plan.asking import negligible
 from etendue.plan.model import LeftOut, Node
+from etendue.spec.capabilities import Bounded
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, has_method, reads_of, writes_of
+from etendue.spec.stage import Stage, reads_of, writes_of
 
 
 def downstream_gain(nodes: Sequence[Node]) -> dict[str, float]:
@@ -51,7 +52,7 @@ def claim_ends(nodes: Sequence[Node]) -> dict[str, str]:
 
 def shares(nodes: Sequence[Node], tolerance: float) -> dict[str, float]:
     """How large a bound each node may spend, in units of its own variable's full scale."""
-    able = [n.name for n in nodes if any(has_method(a.kind, "negligible") for a in n.alternatives)]
+    able = [n.name for n in nodes if any(issubclass(a.kind, Bounded) for a in n.alternatives)]
     gains = downstream_gain(nodes)
     return {node.name: tolerance / max(len(able), 1) / gains[node.name] for node in nodes}
 
@@ -60,7 +61,7 @@ def decide(
     stage: Stage, inputs: Any, facts: Mapping[str, Facts], grids_in: Mapping[str, Grid], grids: Mapping[str, Grid], share: float
 ) -> LeftOut | None:
     """Whether one cell is left out, and with which bound."""
-    writes = list(writes_of(type(stage)).values())
+    writes = [declaration for declaration in writes_of(type(stage)).values() if not declaration.optional]
     for declaration in writes:
         port = next((p for p, d in reads_of(type(stage)).items() if d.variable == declaration.variable), None)
         if port is None or port not in grids_in or grids_in[port] != grids[declaration.variable]:

@@ -7,13 +7,14 @@ reach it. A ``CellRef`` names a cell by its node and the position on each of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.spec.capabilities import Probe, ends_in_sum, is_random, is_source, is_transfer
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Probe, Stage, ends_in_sum, is_random, is_source, is_transfer, quantities_of
+from etendue.spec.stage import Stage, quantities_of
 from etendue.spec.variables import Declaration
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -56,6 +57,7 @@ class Node:
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
+    optional: Mapping[str, Declaration] = field(default_factory=dict)  # what it could write too, and nobody asks for
     segment: tuple[str, ...] = ()  # names of the transfer nodes of its segment up to itself
     mapped: tuple[str, ...] = ()  # dims of what it reads that it does not work on: it is run for each of their values
 

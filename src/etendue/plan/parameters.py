@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from etendue.errors import nearest, unprintable
-from etendue.spec.stage import Parameter
+from etendue.spec.parameter import Parameter
 from etendue.spec.units import UnitError, as_written, to_unit
 
 SMALLEST, LARGEST = 1e-30, 1e30  # sizes of numbers: their products fit 64 bits

@@ -60,12 +60,12 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
     texts: dict[str, None] = {}
     places = {node.name: node.place for node in nodes}
-    kinds = {node.name if len(node.alternatives) == 1 else one.label: one.kind for node in nodes for one in node.alternatives}
+    uses = {one.use: one.kind for node in nodes for one in node.alternatives}
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
     for cell in cells.values():
         try:
-            found = asking.texts(cell.stage, "warn", cell.facts, cell.input_grids) + asking.texts(cell.stage, "warn_among", kinds)
+            found = asking.texts(cell.stage, "warn", cell.facts, cell.input_grids) + asking.texts(cell.stage, "warn_among", uses)
         except ValueError as error:
             raise RequestError([Fault(places[cell.node], plain(str(error)))]) from None
         except PluginError as error:
@@ -105,6 +105,8 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "distribution": node.alternatives[0].distribution,
                 "axes": [plan.axis(dim).key for dim in node.axes],
                 "cells": len(cells),
+                "found": node.found or None,
+                "one_by_one": list(node.mapped) or None,
                 "left_out": {
                     "cells": len(out),
                     "of": len(cells),

@@ -17,7 +17,8 @@ from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.request import Request
 from etendue.spec import camera as standard_camera
 from etendue.spec.found import Found
-from etendue.spec.stage import MISSING, Parameter, parameters_of, writes_of
+from etendue.spec.parameter import MISSING, Parameter
+from etendue.spec.stage import parameters_of, writes_of
 
 
 class Declared(NamedTuple):

@@ -13,34 +13,23 @@ from typing import Any
 
 from rich.padding import Padding
 
+from etendue import discovery
 from etendue.errors import PluginError
 from etendue.registry import Registry
 from etendue.report.terminal import _out, _table, escape
 from etendue.spec import camera
-from etendue.spec.stage import MISSING, Parameter, parameters_of, reads_of, writes_of
-
-GROUPS: tuple[tuple[str, frozenset[str]], ...] = (
-    ("light and lens", frozenset({"radiance", "irradiance"})),
-    ("pixel and colour filter array", frozenset({"photon_rate", "photocurrent"})),
-    ("exposure, noise and read-out", frozenset({"expected_charge", "charge", "raw"})),
-    ("raw corrections", frozenset({"mosaic_linear"})),
-    ("reconstruction", frozenset({"rgb_camera"})),
-    ("colour and display", frozenset({"white", "colour_matrix", "xyz_scene", "lms", "rgb_linear", "xyz_display", "rgb_display"})),
-)
-SCENES, FIGURES = "scenes", "figures and measures"
+from etendue.spec.parameter import MISSING
+from etendue.spec.stage import parameters_of, reads_of, writes_of
 
 
 def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     """One stage as JSON; a broken plugin says why it is broken."""
     installed = registry.installed(name)
-    clash = registry.clash(name)
     document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
     try:
-        if clash:
-            raise PluginError(f"offered by {' and '.join(clash)}; uninstall one of them")
         kind = registry.load(name)
     except PluginError as error:
-        return {**document, "reads": {}, "writes": {}, "parameters": {}, "doc": "", "broken": str(error)}
+        return {**document, "role": "", "reads": {}, "writes": {}, "parameters": {}, "doc": "", "broken": str(error)}
     parameters = {}
     for key, (parameter, kind_of, default) in parameters_of(kind).items():
         value = None if default is MISSING else (list(default) if isinstance(default, tuple) else default)
@@ -53,6 +42,7 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
         }  # fmt: skip
     return {
         **document,
+        "role": kind.role,
         "reads": {p: str(d) for p, d in reads_of(kind).items()},
         "writes": {p: str(d) for p, d in writes_of(kind).items()},
         "parameters": parameters,
@@ -60,30 +50,32 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
     }
 
 
-def group_of(document: dict[str, Any]) -> str:
-    """What a stage is for, by what it writes."""
-    written = {text.partition(":")[0] for text in document["writes"].values()}
-    if not document["reads"] and written & {"radiance", "irradiance"}:
-        return SCENES
-    return next((title for title, variables in GROUPS if written & variables), FIGURES)
-
-
 def print_stages(documents: list[dict[str, Any]]) -> None:
-    """A table for every kind of stage, one line each, and what is broken."""
+    """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and what is broken."""
     console = _out()
-    for title in (SCENES, *(name for name, _ in GROUPS), FIGURES):
-        own = [d for d in documents if "broken" not in d and group_of(d) == title]
-        if not own:
-            continue
-        table = _table(title, ("stage", "left"), ("what it is", "left"), wrap=("what it is",))
+    roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
+    declared = roles.names("roles")
+    table = _table("stages by what they are for", ("stage", "left"), ("what it is", "left"), wrap=("what it is",))
+    for role in dict.fromkeys([*declared, *sorted({d["role"] for d in working})]):
+        own = [d for d in working if d["role"] == role]
+        if own:
+            said = roles.first("roles", role)
+            table.add_row(escape(role or "(no role)"), escape(str(said.value)) if said else "")
         for d in own:
-            origin = "" if d["distribution"] == "etendue" else f" (from {d['distribution']} {d['version']})"
-            table.add_row(d["name"], escape(first_sentence(d["doc"]) + origin))
-        console.print(table)
+            table.add_row(f"  {d['name']}", escape(first_sentence(d["doc"]) + _origin(d)))
+    console.print(table)
+    for role in sorted({d["role"] for d in working} - {"", *declared}):
+        who = ", ".join(d["name"] for d in working if d["role"] == role)
+        console.print(escape(f"note: no distribution says what the role {role!r} of {who} is: etendue_roles()"))
     for d in documents:
         if "broken" in d:
             console.print(f"broken: {d['name']}: {escape(d['broken'])}")
     console.print("one of them in full: etendue stages NAME; what several of them share: etendue quantities")
+
+
+def _origin(document: dict[str, Any]) -> str:
+    """' (from NAME VERSION)' of what is not built in."""
+    return "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
 
 
 def first_sentence(doc: str) -> str:
@@ -95,7 +87,8 @@ def first_sentence(doc: str) -> str:
 def print_stage(document: dict[str, Any]) -> None:
     """One stage in full: what it is, reads, writes, and a paragraph for every parameter."""
     console = _out()
-    console.print(f"{document['name']}, from {escape(document['distribution'])} {document['version']}")
+    role = f", {document['role']}" if document["role"] else ""
+    console.print(escape(f"{document['name']}{role}, from {document['distribution']} {document['version']}"))
     if "broken" in document:
         console.print(f"broken: {escape(document['broken'])}")
         return
@@ -117,9 +110,15 @@ def print_stage(document: dict[str, Any]) -> None:
 
 
 def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
-    """One camera quantity as JSON; with a registry, also the stages that take it."""
-    kind, default = camera.declared(name)
-    found = {"name": name, **_plain(kind, default)}
+    """One camera quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
+    brought = discovery.installed().all("quantities", name)
+    found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
+    try:
+        if clash := discovery.installed().clash("quantities", name):
+            raise PluginError(clash)
+        found |= _plain(camera.declared(name))
+    except PluginError as error:
+        return {**found, "units": "", "default": None, "required": False, "range": "", "choices": None, "doc": "", "broken": str(error)}
     if registry is not None:
         found["stages"] = [stage for stage in registry.names() if _takes(registry, stage, name)]
     return found
@@ -133,12 +132,12 @@ def _takes(registry: Registry, stage: str, name: str) -> bool:
     return declared is not None and declared[0].camera
 
 
-def _plain(parameter: Parameter, default: Any) -> dict[str, Any]:
-    value = None if default is MISSING else default
+def _plain(parameter: camera.Quantity) -> dict[str, Any]:
+    value = None if parameter.default is MISSING else parameter.default
     if isinstance(value, float) and not math.isfinite(value):
         value = "inf"
     return {
-        "units": parameter.units, "default": value, "required": default is MISSING, "range": parameter.shown_range(),
+        "units": parameter.units, "default": value, "required": parameter.default is MISSING, "range": parameter.shown_range(),
         "choices": list(parameter.choices) if parameter.choices else None, "doc": parameter.doc,
     }  # fmt: skip
 
@@ -148,7 +147,8 @@ def print_quantities(documents: list[dict[str, Any]]) -> None:
     columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
     table = _table("quantities that stages share, under \\[camera] in a pipeline", *columns, wrap=("what it is",))
     for d in documents:
-        table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(d["doc"]))
+        said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
+        table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))
     console = _out()
     console.print(table)
     console.print("one of them with its range and the stages that take it: etendue quantities NAME")
@@ -161,7 +161,10 @@ def _valued(document: dict[str, Any]) -> str:
 
 def print_quantity(document: dict[str, Any]) -> None:
     console = _out()
-    console.print(escape(f"{document['name']}: {document['doc']}"))
+    console.print(escape(f"{document['name']}: {document['doc']}{_origin(document)}"))
+    if "broken" in document:
+        console.print(escape(f"broken: {document['broken']}"))
+        return
     console.print(escape("required, no default" if document["required"] else f"default  {_valued(document)}"))
     allowed = f"one of {', '.join(document['choices'])}" if document["choices"] else document["range"]
     if allowed:

@@ -3,9 +3,9 @@
 In:  the arrays of the shown cells.
 Out: 8-bit sRGB frames fitted into 256 x 256, and a PNG.
 
-Light is shown through the CIE 1931 observer; a mosaic through its own filters; camera channels as they are;
-tristimulus values through sRGB. A linear picture is scaled so that its 99.5th percentile is 0.9, the same for all
-stages of one kind, so that what gets darker looks darker.
+Which variables are shown, and how, distributions say (``spec.variables.Variable``). Light is shown through the CIE 1931
+observer; a mosaic through its own filters; camera channels as they are; tristimulus values through sRGB. A linear picture
+is scaled so that its 99.5th percentile is 0.9, the same for all stages of one kind, so that what gets darker looks darker.
 """
 
 from __future__ import annotations
@@ -23,13 +23,11 @@ from etendue.physics.colour.encoding import srgb_encode
 from etendue.physics.scene.resampling import area_weights
 from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.spec.roles import Adapting
+from etendue.spec.capabilities import Viewed
+from etendue.spec.variables import Variable
+from etendue.spec.variables import variable as known
 
 LARGEST = 256
-SHOWN = (
-    "radiance", "irradiance", "photon_rate", "photocurrent", "expected_charge", "charge", "raw", "mosaic_linear", "rgb_camera",
-    "xyz_scene", "rgb_linear", "xyz_display", "rgb_display",
-)  # fmt: skip
 
 
 @dataclass
@@ -61,7 +59,7 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         planes = _fitted(np.asarray(array, dtype=np.float32)).astype(np.float32)
         if grid["channel"].values() == ["X", "Y", "Z"]:
             matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
-            white = cell.stage.viewing_white() if isinstance(cell.stage, Adapting) else None
+            white = cell.stage.viewing_white() if isinstance(cell.stage, Viewed) else None
             if white is not None:  # shown as its viewer sees it, not as it would look beside a D65 white
                 seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
                 matrix = matrix @ seen
@@ -71,8 +69,8 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         return np.repeat(planes.mean(axis=0, keepdims=True), 3, axis=0)
     if dims == ("y", "x"):
         plane = np.asarray(array, dtype=np.float32)
-        if variable == "raw":
-            plane = np.maximum(plane - float(plan.camera.get("black_level", 0) or 0), 0)
+        if black := known(variable).black:
+            plane = np.maximum(plane - float(plan.camera.get(black, 0) or 0), 0)
         pattern = plan.camera.get("pattern")
         if pattern is None:
             return np.repeat(plane[None], 3, axis=0)
@@ -90,11 +88,11 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
     for node in plan.nodes:
         cell = plan.cells[shown[node.name]]
         for variable in node.writes:
-            if variable not in SHOWN or variable not in arrays.get(cell.ref, {}):
+            if not known(variable).shown or variable not in arrays.get(cell.ref, {}):
                 continue
             if getattr(arrays[cell.ref][variable], "on_demand", False):  # a large variable that is not stored would be made again
                 continue
-            kind = variable if variable not in ("charge", "expected_charge") else "charge"
+            kind = known(variable).scale or variable
             array = arrays[cell.ref][variable]
             for _ in [dim for dim in node.mapped if dim != "channel"]:  # of several frames the one in the middle; planes are a picture
                 array = array[len(array) // 2]
@@ -103,18 +101,22 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
     frames = []
     scales: dict[str, float] = {}
     for cell, variable, array, kind in order:
-        if variable == "rgb_display":
+        how = known(variable)
+        if how.shown == "encoded":
             picture = _fitted(np.asarray(array, dtype=np.float32))
+        elif how.shown == "map":
+            if array.ndim != 2:
+                continue
+            picture = _map(np.asarray(array, dtype=np.float64), how)
         else:
             linear = _linear_rgb(plan, cell, variable, array)
             if linear is None:
                 continue
             if kind not in scales:
-                # a value of 1 means white in these; elsewhere the brightest part of the first picture does
-                bright = 1.0
-                if variable not in ("rgb_linear", "xyz_display", "xyz_scene"):
-                    # of charge the last picture does: what the well cannot hold is no brightness
-                    by = _linear_rgb(plan, *kinds[kind][-1]) if kind == "charge" else linear
+                bright = how.white
+                if bright is None:
+                    # where several variables share a scale the last picture says what is bright: what a well cannot hold is no brightness
+                    by = _linear_rgb(plan, *kinds[kind][-1]) if how.scale else linear
                     peaks = (linear if by is None else by).max(axis=0)
                     # a thousandth of the brightest at least: beside a point all else may be next to nothing
                     bright = max(float(np.quantile(peaks, 0.995)), 1e-3 * float(peaks.max())) / 0.9
@@ -123,6 +125,16 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
         size = (array.shape[-2], array.shape[-1])
         frames.append(Frame(cell.node, variable, np.clip(picture, 0, 1), size))
     return frames
+
+
+def _map(plane: Any, shown: Variable) -> Any:
+    """Numbers over y and x as grey, from the lower end of their range to the upper one; what is undefined is black."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plane, ends = (np.log(plane), np.log(shown.range or ())) if shown.log else (plane, np.array(shown.range or ()))
+    finite = np.isfinite(plane)
+    low, high = ends if ends.size else (plane[finite].min(initial=np.inf), plane[finite].max(initial=-np.inf))
+    grey = np.where(finite, (plane - low) / (high - low) if high > low else 0.5, 0.0)
+    return np.repeat(_fitted(np.clip(grey, 0, 1).astype(np.float32))[None], 3, axis=0)
 
 
 def _fitted(picture: Any) -> Any:

@@ -9,15 +9,23 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
+from etendue.discovery import OWN
+from etendue.errors import RequestError
 from etendue.report.terminal import _out, _table, escape
-from etendue.spec.presets import Sourced, preset
+from etendue.spec.presets import Sourced, preset, preset_names
 
 
 def sensor_document(name: str) -> dict[str, Any]:
     """One sensor as JSON holds it."""
-    found = preset(name)
+    try:
+        found = preset(name)
+    except RequestError as error:
+        if name not in preset_names():
+            raise
+        return {"name": name, "broken": str(error)}
     return {
-        "name": name, "title": found.title, "kind": found.kind, "description": found.description,
+        "name": name, "distribution": found.distribution, "version": found.version,
+        "title": found.title, "kind": found.kind, "description": found.description,
         "camera": {key: _sourced(value) for key, value in found.camera.items()},
         "facts": {key: _sourced(value) for key, value in found.facts.items()},
     }  # fmt: skip
@@ -38,16 +46,26 @@ def print_sensors(documents: list[dict[str, Any]]) -> None:
     columns = (("sensor", "left"), ("pitch", "right"), ("full well", "right"), ("what it is", "left"))
     table = _table("sensors", *columns, wrap=("what it is",))
     for d in documents:
+        if "broken" in d:
+            continue
         well = d["facts"].get("full_well", {}).get("value", "")
-        table.add_row(d["name"], str(d["camera"]["pixel_pitch"]["value"]), str(well), escape(d["title"]))
+        pitch = d["camera"].get("pixel_pitch", {}).get("value", "")
+        origin = "" if d["distribution"] == OWN else f" (from {d['distribution']} {d['version']})"
+        table.add_row(d["name"], str(pitch), str(well), escape(d["title"] + origin))
     console = _out()
     console.print(table)
+    for d in documents:
+        if "broken" in d:
+            console.print(f"broken: {d['name']}: {escape(d['broken'])}")
     console.print('in a pipeline: \\[camera] sensor = "NAME"\nvalues and sources: etendue sensors NAME')
 
 
 def print_sensor(document: dict[str, Any]) -> None:
     """Every value of a sensor with its source; addresses stand below, whole."""
     console = _out()
+    if "broken" in document:
+        console.print(f"broken: {escape(document['broken'])}")
+        return
     console.print(f"{escape(document['title'])}\n{escape(document['description'])}\n")
     addresses = list(
         dict.fromkeys(one["source"] for name in ("camera", "facts") for one in document[name].values() if ":" in one["source"])

@@ -14,7 +14,7 @@ import numpy as np
 
 from etendue.plan.model import CellRef, Plan
 from etendue.spec.ports import COUNTED, CellReport
-from etendue.spec.variables import LONG_NAMES
+from etendue.spec.variables import variable
 
 Table = dict[str, Any]
 
@@ -141,7 +141,7 @@ def floored(plan: Plan, reports: Mapping[CellRef, CellReport], ending: str = "_f
             continue
         counts = [r.floored for ref, r in reports.items() if ref[0] == node.name and r.floored > 0]
         if counts:
-            what = " and ".join(LONG_NAMES.get(v, v.replace("_", " ")) for v in node.writes if v.endswith(ending))
+            what = " and ".join(variable(v).long_name for v in node.writes if v.endswith(ending))
             texts.append(f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} in a cell")
     return texts
 

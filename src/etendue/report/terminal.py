@@ -105,6 +105,19 @@ def _uses(stages: list[dict[str, Any]]) -> list[str]:
     return texts
 
 
+def _bound(stages: list[dict[str, Any]]) -> list[str]:
+    """Which stages take a camera quantity from an earlier one, and which are run one by one over a dim."""
+    found: dict[tuple[str, str], list[str]] = {}
+    mapped: dict[str, list[str]] = {}
+    for stage in stages:
+        for name, finder in (stage["found"] or {}).items():
+            found.setdefault((name, finder), []).append(stage["name"])
+        if stage["one_by_one"]:
+            mapped.setdefault(" ".join(stage["one_by_one"]), []).append(stage["name"])
+    texts = [f"found     {name} by {finder}, for {', '.join(takers)}" for (name, finder), takers in found.items()]
+    return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
+
+
 def print_plan(document: dict[str, Any]) -> None:
     """The plan as a table, and what is left out and why."""
     console = _out()
@@ -124,6 +137,8 @@ def print_plan(document: dict[str, Any]) -> None:
         console.print(f"axis      {escape(_axis(axis, short[axis['name']]))}")
     for text in _uses(document["stages"]):
         console.print(f"stage     {text}")
+    for text in _bound(document["stages"]):
+        console.print(escape(text))
     for stage in document["stages"]:
         if stage["left_out"]:
             out = stage["left_out"]

@@ -22,8 +22,9 @@ from etendue.errors import PluginError, refused_by_the_machine
 from etendue.run.jobs import Job
 from etendue.run.ownership import for_reading, frozen
 from etendue.run.tables import coordinates_of, prepared_of
+from etendue.spec.capabilities import is_source
 from etendue.spec.grid import Bands, Grid
-from etendue.spec.stage import arguments_of, is_source, reads_of
+from etendue.spec.stage import arguments_of, reads_of
 from etendue.telling import foreign
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,8 @@ from etendue.run.jobs import Job
 from etendue.run.mapped import one_by_one
 from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
+from etendue.spec.capabilities import is_transfer
 from etendue.spec.ports import COUNTED, CellReport
-from etendue.spec.stage import is_transfer
 from etendue.telling import plain, told
 
 
@@ -150,7 +151,10 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         result, arrays = transferred(job, results)
     elif job.left_out:
         sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
-        arrays = {name: sources[name] for name in job.writes}
+        arrays = {name: sources[name] for name, declared in job.writes.items() if not declared.optional}
+        if len(arrays) < len(job.writes):  # nothing of the picture changes, but something of it is asked for
+            found = _made(replace(job, left_out=False), results, clipped)[1]
+            arrays |= {name: array for name, array in found.items() if name not in arrays}
         return Result(lowest=_undefined(job, arrays)), arrays
     elif job.by_band:
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
@@ -158,7 +162,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     else:
         given = arguments(job, results, clipped)
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
-            result, arrays = Result(), job.stage.run(**given)  # type: ignore[attr-defined]
+            result, arrays = Result(), job.stage.run(**given)
     if not is_transfer(type(job.stage)) or arrays:
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied

@@ -20,7 +20,8 @@ from etendue.run.otf import transfers_of, weights_of
 from etendue.run.ownership import for_reading, frozen
 from etendue.run.segments import Result
 from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
-from etendue.spec.stage import arguments_of, has_method, optional_ports, word_of
+from etendue.spec.capabilities import Probe
+from etendue.spec.stage import Stage, arguments_of, optional_ports
 
 Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
 
@@ -74,13 +75,15 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
     for port, what, pairs in job.looks_at:
         if what == "transfer":
             given[port] = transfers_of(job)
-        elif word_of(job.stage, "with_grids", False):
+        elif isinstance(job.stage, Probe) and job.stage.with_grids:
             seen = zip(pairs, job.looked_grids[port], strict=True)
             given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
         else:
             given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
     ports = {port for port, _, _ in job.inputs}
     others = [name for name in arguments_of(type(job.stage)) if name not in given and name not in ports | optional_ports(type(job.stage))]
+    if "asked" in others:
+        given["asked"] = frozenset(name for name, declared in job.writes.items() if declared.optional)
     if "prepared" in others:
         given["prepared"] = _prepared(job)
     if "rng" in others:
@@ -102,6 +105,6 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
 
 def _prepared(job: Job) -> Any:
     """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
-    if has_method(type(job.stage), "prepare") or not job.transfers:
+    if type(job.stage).prepare is not Stage.prepare or not job.transfers:
         return prepared_of(job.stage, job.input_grids, job.grids)
     return None if job.channel_weights is None else weights_of(job.channel_weights, job.bands)

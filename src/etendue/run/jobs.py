@@ -13,9 +13,10 @@ from typing import Any
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
 from etendue.plan.words import Open
+from etendue.spec.capabilities import Banded, Summed, Transfer
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage, ends_in_sum, has_method, quantities_of, reads_of
+from etendue.spec.stage import Stage, quantities_of, reads_of
 from etendue.spec.variables import Declaration
 
 
@@ -35,9 +36,9 @@ class Job:
     input_grids: Mapping[str, Grid]
     inputs: tuple[tuple[str, CellRef, str], ...]
     looks_at: tuple[tuple[str, str, tuple[tuple[str, CellRef], ...]], ...]
-    transfers: tuple[Stage, ...]
+    transfers: tuple[Transfer, ...]
     bands: tuple[float, ...]
-    channel_weights: Stage | None
+    channel_weights: Summed | None
     previous: CellRef | None  # the transfer cell before it in its segment
     left_out: bool
     seed: bytes
@@ -50,7 +51,7 @@ class Job:
     seconds: float
     give: tuple[str, ...] | None = None  # of what is delivered: what the caller holds on to; None: all
     by_band: tuple[str, ...] = ()  # variables that are made and stored band by band
-    joined: tuple[Stage, ...] | None = None  # reads the segment's input itself: the stages of the segment in front of it
+    joined: tuple[Transfer, ...] | None = None  # reads the segment's input itself: the stages of the segment in front of it
     chains: tuple[tuple[int, ...], ...] = ()  # for each of ``transfers``: which of them it stands behind, itself last; (): all before it
     whole: tuple[bool, ...] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
     rendered: tuple[float, float] | None = None  # with what the scene in front of ``transfers`` was drawn
@@ -166,7 +167,7 @@ def make_jobs(
 
 def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
     """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
-    if cell.left_out is not None or cell.mapped or not (has_method(type(cell.stage), "by_band") or node.segment):
+    if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
         return ()
     return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
 
@@ -204,7 +205,7 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
         return None
     source, variable = cell.segment_input
     grid = plan.cells[source].grids[variable]
-    expanded = ends_in_sum(type(cell.stage)) and getattr(cell.stage, "wavelength_terms", 0) > 0
+    expanded = isinstance(cell.stage, Summed) and cell.stage.terms() > 0
     if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
         return None
     before: list[Cell] = []
@@ -237,7 +238,7 @@ def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Mapping[str, 
             found["transfers"] = tuple(c.stage for c in cells)
             found["found_by"] = _found_of(tuple(cells))
             found["bands"] = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
-            found["channel_weights"] = next((c.stage for c in cells if ends_in_sum(type(c.stage))), None)
+            found["channel_weights"] = next((c.stage for c in cells if isinstance(c.stage, Summed)), None)
             found["chains"] = tuple(tuple(chain) for chain in chains([c.node for c in cells], nodes))
             found["rendered"] = scene_of(plan.cells, cells[0]).facts.rendered
     return found

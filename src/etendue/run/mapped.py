@@ -27,7 +27,7 @@ def one_by_one(job: Job, results: Mapping[CellRef, Result], clipped: Clipped, ma
     dims = [dim for dim, _ in job.mapped]
     labels = [_labels(coordinate) for _, coordinate in job.mapped]
     sizes = tuple(len(own) for own in labels)
-    declared = {d.variable: d for d in writes_of(type(job.stage)).values()}
+    declared = {d.variable: d for d in writes_of(type(job.stage)).values() if d.variable in job.writes}
     core = replace(
         job,
         mapped=(),

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from etendue.run.jobs import Job
-from etendue.run.segments import transfer_of
-from etendue.run.tables import TABLES, asked_weights, prepared_of
+from etendue.run.tables import TABLES, prepared_for
+from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Bands, Grid
-from etendue.spec.stage import Stage, ends_in_sum, state_of
+from etendue.spec.stage import state_of
+from etendue.transfers import Product, weights
 
 REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
 BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
@@ -36,13 +37,9 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
     ]
 
 
-def weights_of(stage: Stage, edges: tuple[float, ...]) -> Any:
+def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
     """(channel, wavelength): photons by wavelength of a stage that ends in a sum."""
-    return asked_weights(stage, _prepared(stage, edges))
-
-
-def _prepared(stage: Stage, edges: tuple[float, ...]) -> Any:
-    return prepared_of(stage, {"irradiance": Grid.of({"wavelength": Bands(edges)})}, {})
+    return weights(stage, prepared_for(stage, edges))
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Otf:
     then no product is all of the camera.
     """
 
-    parts: tuple[tuple[str, Stage], ...]
+    parts: tuple[tuple[str, Transfer], ...]
     edges: tuple[float, ...]
     rendered: tuple[float, float] | None = None
     grid: Grid | None = None
@@ -92,7 +89,7 @@ class Otf:
     @property
     def weights(self) -> Any:
         """(channel, wavelength): photons by wavelength behind each filter, or None in front of the pixel."""
-        stage = next((stage for _, stage in self.parts if ends_in_sum(type(stage))), None)
+        stage = next((stage for _, stage in self.parts if isinstance(stage, Summed)), None)
         return None if stage is None else weights_of(stage, self.edges)
 
     @property
@@ -107,20 +104,19 @@ class Otf:
         return np.exp(-2 * (math.pi * softness) ** 2 * (fy**2 + fx**2)) * np.sinc(cell * fy) * np.sinc(cell * fx)
 
 
-def _remembered(what: str, make: Any, stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+def _remembered(what: str, make: Any, stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
     if max(fy.size, fx.size) < REMEMBERED:
         return make(stage, fy, fx, edges)
     key = ("otf", what, state_of(stage), edges, fy.tobytes(), fx.tobytes())
     return TABLES.get(key, lambda: make(stage, fy, fx, edges))
 
 
-def _plane(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+def _plane(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
     """(wavelength or 1, m, n)."""
-    value = np.asarray(transfer_of(stage, fy[:, None], fx[None, :], edges, _prepared(stage, edges)))
-    return value if value.ndim == 3 else value[None]
+    return Product((stage,), edges, prepared_for).at(fy[:, None], fx[None, :])
 
 
-def _along(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+def _along(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
     """(wavelength or 1, n). Stages take grids: of a slanted line, which is none, short pieces are the diagonals of small ones."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)

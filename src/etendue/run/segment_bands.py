@@ -18,24 +18,26 @@ from etendue.physics.light import expansion, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
-from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
+from etendue.run.tables import TABLES, prepared_of
+from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, ends_in_sum
+from etendue.transfers import Product
+from etendue.transfers import weights as weights_of
 
 TOGETHER = 4  # bands projected in one product
 
 
 @dataclass(eq=False)
-class JoinedTransfer:
-    """The product of the transfer functions of some stages, one band at a time."""
+class GridTransfer:
+    """The product of some transfer functions on the frequencies of a padded grid, one band at a time."""
 
-    stages: tuple[Stage, ...]
+    stages: tuple[Transfer, ...]
     grid: Grid
     precision: str
 
     @cached_property
-    def _prepared(self) -> list[Any]:
-        return [prepared_of(stage, {"irradiance": self.grid}, {}) for stage in self.stages]
+    def product(self) -> Product:
+        return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_of(stage, {"irradiance": self.grid}, {}))
 
     @cached_property
     def _rows(self) -> Any:
@@ -45,20 +47,14 @@ class JoinedTransfer:
     def _columns(self) -> Any:
         return sampling.frequencies(self.grid.line("x").size, self.grid.line("x").step, half=True)
 
-    def _product(self, fy: Any, fx: Any, wavelength: Any) -> Any:
-        product = np.ones((wavelength.size, 1, 1))
-        for stage, prepared in zip(self.stages, self._prepared, strict=True):
-            product = product * asked_transfer(stage, fy, fx, wavelength, prepared)
-        return product
-
-    @cached_property
-    def wavelengths(self) -> Any:
-        return np.array(self.grid.bands().values())[:, None, None] * 1e-3
+    def band(self, number: int) -> Any:
+        """(Ny, Nx // 2 + 1)."""
+        return self.product.at(self._rows[:, None], self._columns[None, :], slice(number, number + 1))[0]
 
     @cached_property
     def plane(self) -> Any:
         """Radial look-up, where every stage depends on the radial frequency alone; else None."""
-        if all(stage.radial for stage in self.stages):
+        if self.product.radial:
             y, x = self.grid.line("y"), self.grid.line("x")
             key = ("radial plane", y.size, y.step, x.size, x.step, self.precision)
             return TABLES.get(key, lambda: expansion.RadialPlane(self._rows, self._columns, self.precision))
@@ -67,12 +63,7 @@ class JoinedTransfer:
     @cached_property
     def table(self) -> Any:
         """(wavelength, node): the product on the radial nodes."""
-        return self.along(self.plane.nodes)
-
-    def along(self, frequency: Any) -> Any:
-        """(wavelength, frequency): the product along x."""
-        found = self._product(np.zeros((1, 1)), frequency[None, :], self.wavelengths)[:, 0]
-        return np.broadcast_to(found, (self.wavelengths.size, frequency.size))
+        return self.product.along(self.plane.nodes)
 
     def apply(self, half_spectrum: Any, band: int) -> None:
         """Multiply the spectrum of one band, in place."""
@@ -81,7 +72,7 @@ class JoinedTransfer:
         if self.plane is not None:
             self.plane.multiply(half_spectrum, self.table[band])
         else:
-            own = self._product(self._rows[:, None], self._columns[None, :], self.wavelengths[band : band + 1])[0]
+            own = self.band(band)
             half_spectrum *= own.astype(np.result_type(half_spectrum.real if own.dtype.kind == "f" else half_spectrum), copy=False)
 
     def gathered(self, weights: Any, basis: Any, half_spectra: Any) -> Any:
@@ -103,8 +94,7 @@ class JoinedTransfer:
         """sum_l factors[l] T_l(f) on the frequencies of the transform."""
         total: Any = np.zeros((1, 1))
         for band, factor in enumerate(factors):
-            own = self._product(self._rows[:, None], self._columns[None, :], self.wavelengths[band : band + 1])[0]
-            total = total + factor * own
+            total = total + factor * self.band(band)
         return total
 
 
@@ -113,7 +103,7 @@ class FilteredBands(Banded):
     """Light behind some transfer functions, one band at a time."""
 
     light: Any
-    joined: JoinedTransfer
+    joined: GridTransfer
 
     def __post_init__(self) -> None:
         self.shape = self.light.shape
@@ -131,20 +121,22 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
     assert job.joined is not None
-    if not ends_in_sum(type(job.stage)):
-        stages = (*job.joined, *(() if job.left_out else (job.stage,)))
-        return {name: FilteredBands(light, JoinedTransfer(stages, grid, job.precision)) if stages else light}
+    stage = job.stage
+    assert isinstance(stage, Transfer)
+    if not isinstance(stage, Summed):
+        stages = (*job.joined, *(() if job.left_out else (stage,)))
+        return {name: FilteredBands(light, GridTransfer(stages, grid, job.precision)) if stages else light}
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
-    weights = asked_weights(job.stage, prepared).astype(float)
-    joined = JoinedTransfer(job.joined, grid, job.precision)
-    terms = int(getattr(job.stage, "wavelength_terms", 0))
-    channels = _expanded(job, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)
+    weights = weights_of(stage, prepared).astype(float)
+    joined = GridTransfer(job.joined, grid, job.precision)
+    terms = stage.terms()
+    channels = _expanded(stage, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
     fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
-    aperture = asked_transfer(job.stage, fy, fx, joined.wavelengths, prepared)
-    if aperture.ndim == 3 and aperture.shape[0] > 1:
-        raise ValueError(f"{type(job.stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
+    aperture = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
+    if aperture.shape[0] > 1:
+        raise ValueError(f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
     aperture = aperture.reshape(aperture.shape[-2:]).astype(np.result_type(channels.real if aperture.dtype.kind == "f" else channels))
     out, where = job.grids[name], []
     for dim, line in (("y", y), ("x", x)):
@@ -157,7 +149,7 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     return {name: planes}
 
 
-def _exact(light: Any, joined: JoinedTransfer, weights: Any) -> Any:
+def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     """Every band its own transform and transfer function; the sum is taken in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
@@ -169,12 +161,12 @@ def _exact(light: Any, joined: JoinedTransfer, weights: Any) -> Any:
     return sums
 
 
-def _expanded(job: Job, light: Any, joined: JoinedTransfer, weights: Any, terms: int) -> Any:
+def _expanded(stage: Summed, light: Any, joined: GridTransfer, weights: Any, terms: int) -> Any:
     """Few planes, each a sum over wavelength taken before its transform; every channel is a mixture of them."""
     highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
     frequency = np.linspace(0.0, highest, expansion.FITTED)
-    passed = job.stage.passed(frequency)  # type: ignore[attr-defined]
-    basis = expansion.wavelength_basis(weights, terms, joined.along(frequency), passed)
+    passed = stage.passed(frequency)
+    basis = expansion.wavelength_basis(weights, terms, joined.product.along(frequency), passed)
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []
     for band, plane in enumerate(in_order(light)):

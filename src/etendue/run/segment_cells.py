@@ -20,9 +20,12 @@ from etendue.physics.light import cell_pixels, cells, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.jobs import Job
-from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
+from etendue.run.tables import TABLES, prepared_of
+from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, ends_in_sum, state_of
+from etendue.spec.stage import Stage, state_of
+from etendue.transfers import Product
+from etendue.transfers import weights as weights_of
 
 ROUNDING = 64  # units in the last place of the brightest cell: what transforms leave where there is no light
 
@@ -31,10 +34,10 @@ ROUNDING = 64  # units in the last place of the brightest cell: what transforms 
 class CellTransfer:
     """The product of the transfer functions of some stages at any frequency, and its tables on the cells."""
 
-    stages: tuple[Stage, ...]
+    stages: tuple[Transfer, ...]
     grid: Grid
     precision: str
-    last: tuple[Stage, Any] | None = None  # an end of the segment that is no window, with what it prepared
+    last: tuple[Transfer, Any] | None = None  # an end of the segment that is no window, with what it prepared
 
     @cached_property
     def axes(self) -> tuple[cells.Axis, cells.Axis]:
@@ -42,32 +45,19 @@ class CellTransfer:
         return cells.Axis(sampling.padded_size(y.size), y.step), cells.Axis(sampling.padded_size(x.size), x.step)
 
     @cached_property
-    def _given(self) -> list[tuple[Stage, Any]]:
-        own = [(stage, prepared_of(stage, {"irradiance": self.grid}, {})) for stage in self.stages]
-        return own if self.last is None else [*own, self.last]
+    def product(self) -> Product:
+        def prepared(stage: Stage, _: Any) -> Any:
+            return self.last[1] if self.last and stage is self.last[0] else prepared_of(stage, {"irradiance": self.grid}, {})
 
-    @cached_property
-    def wavelengths(self) -> Any:
-        return np.array(self.grid.bands().values())[:, None, None] * 1e-3
+        return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
 
     def otf(self, band: int) -> cells.Transfer:
-        """The product for one band; stages that are the same for all wavelengths give one plane."""
-        at = self.wavelengths[band : band + 1]
-
-        def product(fy: Any, fx: Any) -> Any:
-            found: Any = np.ones((1, 1))
-            for stage, prepared in self._given:
-                value = asked_transfer(stage, fy, fx, at, prepared)
-                if value.ndim == 3 and value.shape[0] > 1:
-                    raise ValueError(f"{type(stage).__name__}.transfer gives {value.shape[0]} planes for 1 wavelength")
-                found = found * value.reshape(value.shape[-2:])
-            return found
-
-        return product
+        """The product for one band."""
+        return lambda fy, fx: self.product.at(fy, fx, slice(band, band + 1))[0]
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        states = tuple(state_of(stage) for stage, _ in self._given)
+        states = tuple(state_of(stage) for stage in self.product.stages)
         return (states, self.grid.line("y"), self.grid.line("x"), self.grid.bands().edges)
 
     def reach(self, band: int) -> cells.Reach:
@@ -116,28 +106,28 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
-    before = job.joined or ()
-    if ends_in_sum(type(job.stage)):
-        return {name: _pixels(job, light, grid, before)}
-    stages = (*before, *(() if job.left_out else (job.stage,)))
+    before, stage = job.joined or (), job.stage
+    assert isinstance(stage, Transfer)
+    if isinstance(stage, Summed):
+        return {name: _pixels(job, stage, light, grid, before)}
+    stages = (*before, *(() if job.left_out else (stage,)))
     if not stages:
         return {name: light}
     found = BlurredCells(light, CellTransfer(stages, grid, job.precision))
     return {name: found if name in job.by_band else np.asarray(found)}
 
 
-def _pixels(job: Job, light: Any, grid: Grid, before: tuple[Stage, ...]) -> Any:
+def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
     """Sums over wavelength at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
-    prepared = prepared_of(job.stage, job.input_grids, job.grids)
-    end: Any = job.stage
-    weights: Any = asked_weights(end, prepared).astype(float)
+    prepared = prepared_of(end, job.input_grids, job.grids)
+    weights: Any = weights_of(end, prepared).astype(float)
     (out,) = job.grids.values()
     lines = [(grid.line(dim), *out.line(dim).um(), out.line(dim).size) for dim in ("y", "x")]
     joined, windows = CellTransfer(before, grid, job.precision), None
-    alone = CellTransfer((), grid, job.precision, (job.stage, prepared))
+    alone = CellTransfer((), grid, job.precision, (end, prepared))
     windows = cell_pixels.box_of(alone.otf(0), max(step for _, _, step, _ in lines))
     if windows is None:  # its transfer function counts like any other
-        joined, windows = CellTransfer(before, grid, job.precision, (job.stage, prepared)), ((0.0, 0.0), (0.0, 0.0))
+        joined, windows = CellTransfer(before, grid, job.precision, (end, prepared)), ((0.0, 0.0), (0.0, 0.0))
     starts = [(start + place - line.start) / line.step for (line, start, _, _), (_, place) in zip(lines, windows, strict=True)]
     steps = [step / line.step for line, _, step, _ in lines]
     brightest = np.zeros((2, weights.shape[1]))

@@ -19,9 +19,10 @@ from etendue.run.jobs import Job
 from etendue.run.ownership import frozen
 from etendue.run.segment_bands import from_bands
 from etendue.run.segment_cells import from_cells
-from etendue.run.tables import TABLES, asked_transfer, asked_weights, prepared_of
-from etendue.spec.grid import Bands
-from etendue.spec.stage import Stage, ends_in_sum, state_of
+from etendue.run.tables import TABLES, prepared_of
+from etendue.spec.capabilities import Summed, Transfer
+from etendue.spec.stage import state_of
+from etendue.transfers import Product, weights
 
 
 @dataclass
@@ -46,13 +47,8 @@ class Result:
         return self
 
 
-def transfer_of(stage: Stage, fy: Any, fx: Any, edges: tuple[float, ...], prepared: Any) -> Any:
-    """The transfer function at separable frequencies, (wavelength, y, x) or without wavelength."""
-    bands = Bands(edges)
-    return asked_transfer(stage, fy, fx, np.array(bands.values())[:, None, None] * 1e-3, prepared)
-
-
-def _grid_transfer(job: Job) -> Any:
+def _on_grid(job: Job, stage: Transfer) -> Any:
+    """(wavelength or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")
     edges = grid.bands().edges
@@ -60,11 +56,11 @@ def _grid_transfer(job: Job) -> Any:
     def make() -> Any:
         fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
         fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
-        value = transfer_of(job.stage, fy, fx, edges, prepared_of(job.stage, job.input_grids, job.grids))
+        value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx)
         kind = np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
         return np.ascontiguousarray(value, dtype=kind)
 
-    return TABLES.get(("transfer", state_of(job.stage), y, x, edges, job.precision), make)
+    return TABLES.get(("transfer", state_of(stage), y, x, edges, job.precision), make)
 
 
 def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
@@ -83,13 +79,14 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
         untouched = results[ref].arrays[variable]
         spectrum = sampling.spectrum(untouched)
     (name,) = job.writes
-    if ends_in_sum(type(job.stage)):
-        prepared = prepared_of(job.stage, job.input_grids, job.grids)
-        otf = _grid_transfer(job)
-        if otf.ndim == 3 and otf.shape[0] > 1:
+    stage = job.stage
+    assert isinstance(stage, Transfer)
+    if isinstance(stage, Summed):
+        own, otf = weights(stage, prepared_of(stage, job.input_grids, job.grids)), _on_grid(job, stage)
+        if otf.shape[0] > 1:
             spectrum = spectrum * otf
-        channels = sampling.sum_over_wavelength(asked_weights(job.stage, prepared), np.ascontiguousarray(spectrum))
-        if not (otf.ndim == 3 and otf.shape[0] > 1):
+        channels = sampling.sum_over_wavelength(own, np.ascontiguousarray(spectrum))
+        if otf.shape[0] == 1:
             channels = channels * otf
         out = job.grids[name]
         where = []
@@ -98,7 +95,7 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
             where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
         return Result(), {name: sampling.sample(channels, y.size, x.size, where[0], where[1])}
     if not job.left_out:
-        spectrum, untouched = spectrum * _grid_transfer(job), None
+        spectrum, untouched = spectrum * _on_grid(job, stage), None
     arrays = {}
     if job.store or job.deliver:
         arrays = {name: sampling.planes_of(spectrum, y.size, x.size) if untouched is None else untouched}

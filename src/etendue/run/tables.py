@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from etendue.errors import PluginError
 from etendue.physics.electronics.noise import sensor_normal, sensor_uniform
 from etendue.spec.grid import Bands, Grid, Line
-from etendue.spec.stage import Stage, has_method, state_of
+from etendue.spec.stage import Stage, state_of
 from etendue.telling import foreign
 
 LARGEST_CACHE = 256 << 20
@@ -135,7 +134,7 @@ class SensorRandom:
 
 def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> Any:
     """``stage.prepare``, once per (parameters, coordinates) and process."""
-    if not has_method(type(stage), "prepare"):
+    if type(stage).prepare is Stage.prepare:
         return None
     own: Any = stage
     key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
@@ -147,26 +146,6 @@ def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[st
     return TABLES.get(key, make)
 
 
-def asked_transfer(stage: Any, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
-    """``stage.transfer``: an array of finite numbers that fits the frequencies, or an error that names the stage."""
-    name = f"{type(stage).__name__}.transfer"
-    with foreign(name):
-        given = (fy, fx, wavelength) if prepared is None else (fy, fx, wavelength, prepared)
-        found = np.asarray(stage.transfer(*given))
-    if found.dtype.kind not in "fiubc" or found.ndim > 3:
-        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (wavelength, y, x)")
-    shape = (np.size(wavelength), np.shape(fy)[0], np.shape(fx)[1])
-    if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
-        raise PluginError(f"{name} gave shape {found.shape}, but was asked for {shape}")
-    return found
-
-
-def asked_weights(stage: Any, prepared: Any) -> Any:
-    """``stage.weights``: (channel, wavelength), read-only."""
-    with foreign(f"{type(stage).__name__}.weights"):
-        found = np.array(stage.weights(prepared))
-    if found.dtype.kind not in "fiub" or found.ndim != 2:
-        name = f"{type(stage).__name__}.weights"
-        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, wavelength)")
-    found.flags.writeable = False
-    return found
+def prepared_for(stage: Stage, edges: tuple[float, ...]) -> Any:
+    """What a stage has prepared for wavelength bins alone."""
+    return prepared_of(stage, {"irradiance": Grid.of({"wavelength": Bands(edges)})}, {})

@@ -1,4 +1,4 @@
-"""Sensors by name: values of camera quantities from packaged files, each with the source it comes from.
+"""Sensors by name: values of camera quantities that distributions bring, each with the source it comes from.
 
 In:  ``[camera] sensor = "NAME"``.
 Out: a ``Preset``: values as they would stand under ``[camera]``; what the pipeline itself says goes before them.
@@ -14,9 +14,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etendue import discovery
 from etendue.errors import RequestError, nearest
+from etendue.telling import plain
 
-FOLDER = Path(__file__).parents[1] / "data" / "sensors"
 TYPICAL = "typical"
 SPOKEN = (TYPICAL, "definition", "seed paper")  # how a source begins that is no address
 
@@ -40,15 +41,16 @@ class Preset:
     description: str
     camera: Mapping[str, Sourced]
     facts: Mapping[str, Sourced]
+    distribution: str
+    version: str
 
     def values(self) -> dict[str, Any]:
         """As under ``[camera]``."""
         return {name: sourced.value for name, sourced in self.camera.items()}
 
 
-@cache
 def preset_names() -> tuple[str, ...]:
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+    return tuple(sorted(discovery.installed().names("sensors")))
 
 
 @cache
@@ -58,13 +60,27 @@ def preset(name: str) -> Preset:
     Raises
     ------
     RequestError
-        There is none of that name: with the nearest one.
+        There is none of that name, with the nearest one; two distributions bring it; what is brought cannot be read.
     """
-    if name not in preset_names():
-        raise RequestError(f"there is no sensor {name!r}{nearest(name, preset_names()) or '; etendue sensors lists them'}")
-    document = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), parse_float=Decimal)
-    tables = {
-        table: {key: Sourced(entry["value"], entry["source"], entry.get("note", "")) for key, entry in document.get(table, {}).items()}
-        for table in ("camera", "facts")
-    }
-    return Preset(name, document["title"], document["kind"], document["description"], tables["camera"], tables["facts"])
+    found = discovery.installed()
+    brought = found.all("sensors", name)
+    if not brought:
+        hint = nearest(name, preset_names()) or "; etendue sensors lists them"
+        raise RequestError(f"there is no sensor {name!r}{hint}{found.missed('sensors', name)}")
+    if clash := found.clash("sensors", name):
+        raise RequestError(f"the sensor {name!r} is {clash}")
+    (one,) = brought
+    try:
+        document = one.value
+        if not isinstance(document, Mapping):
+            document = tomllib.loads(Path(document).read_text(encoding="utf-8"), parse_float=Decimal)
+        tables = {
+            table: {key: Sourced(entry["value"], entry["source"], entry.get("note", "")) for key, entry in document.get(table, {}).items()}
+            for table in ("camera", "facts")
+        }
+        words = (document["title"], document["kind"], document["description"])
+    except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
+        lacking = f"{error} is lacking" if isinstance(error, KeyError) else plain(str(error))
+        form = "expected title, kind, description, and a value and its source under camera.NAME"
+        raise RequestError(f"the sensor {name!r} of {one.origin} cannot be read: {lacking}; {form}") from error
+    return Preset(name, *words, tables["camera"], tables["facts"], one.distribution, one.version)

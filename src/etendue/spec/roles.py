@@ -53,14 +53,6 @@ class EdgeScene(Stage):
     """A scene of one slanted edge. Studies give it ``angle``, ``low``, ``high``, ``softness``, and of size and light what it has."""
 
 
-class Adapting(Stage):
-    """A stage that writes tristimulus values for a viewer who is adapted to a white of its own."""
-
-    def viewing_white(self) -> Any:
-        """XYZ of the white to which a viewer of the result is adapted; None: that of the picture."""
-        raise NotImplementedError
-
-
 class Displaying(Stage):
     """A stage that writes linear values for a display, and knows its primaries."""
 

@@ -1,34 +1,16 @@
 """A stage: a frozen value that says what it reads, writes and needs, and computes on plain arrays.
 
-A stage class is a frozen, keyword-only dataclass deriving from ``Stage``. Optional methods say more about it; the
-engine looks for them by name and treats their absence as "not known":
+In:  class attributes and methods of ``Stage``.
+Out: declarations, parameters and arguments of a class, found out once.
 
-    describe(self) -> (Facts, {variable: Grid})          sources only: what it will write, before any array
-    grid(self, inputs) -> {variable: Grid}               stages that change the grid; ``inputs``: {port: Grid}
-    prepare(self, coordinates) -> anything               tables and matrices, once per (parameters, coordinates)
-    transfer(self, fy, fx, wavelength) -> array          linear shift-invariant stages, instead of ``run``
-    weights(self, prepared) -> (channel, wavelength)     a transfer stage that ends in a sum over wavelength
-    by_band(self, prepared, bands) -> prepared           its run may be given some bands: what is prepared for them
-    constants(self, prepared) -> {variable: array}       sources with by_band: what they write that has no place
-    segment_error(self, before, grid, precision)         an end of a segment: its error behind the stages joined before it
-    warn(self, facts, grids) -> [text]                   what a user should know about these values
-    warn_among(self, kinds) -> [text]                    the same, about the stages of the pipeline: {name: class}; ask for roles and bases
-    assumes(self) -> {what: value}                       what it takes for granted of things that other stages take for granted too;
-                                                         where a stage in front of it has another value, the plan notes it
-    run(self, <ports...>, <coordinates...>, prepared, rng, rng_sensor) -> {variable: array}
-    negligible(self, facts, grid) -> float | None        how wrong leaving it out is, in units of its variable
-    carry(self, facts, grid) -> Facts                    facts of what it writes, from facts of what it reads
-    error(self, facts, grid, precision) -> (bound, how)  relative to full scale; how: proved | fitted | measured
-    gain                                                 see below
-
-Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of the camera in front of it, see ``Probe``.
+A stage class is a frozen, keyword-only dataclass deriving from ``Stage``; what it can do beyond ``run`` stands in the typed bases of
+``capabilities``, never in the name of an attribute.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
-import math
 import os
 import stat
 import typing
@@ -36,11 +18,13 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, ClassVar, TypeVar
 
-from etendue.spec.grid import Bands, Labels, Line
+from etendue.discovery import spectrum
+from etendue.spec.facts import UNKNOWN, Facts
+from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.names import unfit_variable
+from etendue.spec.parameter import Parameter
 from etendue.spec.variables import Declaration, parse_declaration
 
-MISSING = dataclasses.MISSING
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -49,119 +33,47 @@ def per_kind(function: _Function) -> _Function:
     return cache(function)  # type: ignore[return-value]
 
 
-@per_kind
-def has_method(kind: type[Stage], name: str) -> bool:
-    """Whether a class of stages has a method of this name.
-
-    A parameter of that name is none, even where its default stands on the class: what a stage can do is said by its methods, and
-    the names of its parameters are its author's own.
-    """
-    return name not in _fields(kind) and callable(getattr(kind, name, None))
-
-
-def word_of(stage: Stage | type[Stage], name: str, default: Any) -> Any:
-    """What a stage or its class says under a name; a parameter of that name says nothing."""
-    kind = stage if isinstance(stage, type) else type(stage)
-    return default if name in _fields(kind) else getattr(stage, name, default)
-
-
-@per_kind
-def _fields(kind: type[Stage]) -> frozenset[str]:
-    return frozenset(field.name for field in dataclasses.fields(kind))
-
-
 COORDINATES = frozenset(
     f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
 ) | {"stage"}
-SPECIAL = frozenset({"prepared", "rng", "rng_sensor"})
-
-
-@dataclasses.dataclass(frozen=True)
-class Parameter:
-    """What is allowed for one parameter, beside its type."""
-
-    units: str = "1"
-    above: float | None = None
-    at_least: float | None = None
-    below: float | None = None
-    at_most: float | None = None
-    choices: tuple[str, ...] | None = None
-    camera: bool = False
-    fidelity: bool = False
-    reference: str = ""
-    file: bool = False  # the path of a file
-    folder: bool = False  # of a file or a folder
-    table: bool = False  # a name, or the path of a CSV file
-    along: str = ""  # mapped over this dim, a stage has the label of its slice in the place of the value
-    held: tuple[float, float] | None = None  # ends beyond which its stages do not compute: the plan refuses, with the reason
-    length: int | None = None
-    one_for_all: bool = False  # a list that may be written as the one number in it
-    infinite: bool = False
-    doc: str = ""
-
-    def range_text(self) -> str:
-        """The allowed range in words, '' when everything is."""
-        parts = []
-        for word, limit in (("above", self.above), ("at least", self.at_least), ("below", self.below), ("at most", self.at_most)):
-            if limit is not None:
-                parts.append(f"{word} {limit:g}")
-        text = " and ".join(parts)
-        return f"{text} {self.units}".strip() if text and self.units not in ("1", "") else text
-
-    def shown_range(self) -> str:
-        """The range, and within which of it the stages compute."""
-        if self.held is None:
-            return self.range_text()
-        return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
-
-    def allows(self, value: float) -> bool:
-        return (
-            (self.above is None or value > self.above)
-            and (self.at_least is None or value >= self.at_least)
-            and (self.below is None or value < self.below)
-            and (self.at_most is None or value <= self.at_most)
-        )
-
-
-def param(default: Any = MISSING, **allowed: Any) -> Any:
-    """Declare a parameter of a stage: its default, unit, range and role (see ``Parameter``)."""
-    parameter = Parameter(**allowed)
-    if parameter.fidelity and not parameter.reference:
-        raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
-    return (
-        dataclasses.field(default=default, metadata={"parameter": parameter})
-        if default is not MISSING
-        else dataclasses.field(metadata={"parameter": parameter})
-    )
+SPECIAL = frozenset({"asked", "prepared", "rng", "rng_sensor"})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Stage:
-    """Base of all stages. Class attributes are the declaration.
+    """Base of all stages. Class attributes are the declaration; every method but ``run`` may stay as it is here.
 
+    Must be known: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``), ``role``.
+
+    ``run(self, <ports>, <coordinates>, prepared, rng, rng_sensor, asked) -> {variable: array}`` names what it needs. A port whose argument
+    has a default is optional. ``asked``: the optional variables that are asked for. Over dims that a stage does not declare it is mapped.
+
+    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"demosaicing"``, ``"sharpening"``,
+    ``"lens"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
+    nothing: what it reads and writes decides alone.
+    ``creates``: coordinates of dims that nothing it reads has, such as ``{"channel": RGB}``, where ``grid`` has nothing to add.
     ``gain``: the largest factor by which an error, relative to the full scale of what is read, can grow relative to
     the full scale of what is written, for every allowed parameter value. ``None``: not known, so claims end here.
     ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only).
     ``libraries`` names distributions whose version can change the result.
-    ``radial``: the transfer function depends on the size of the frequency alone.
+    ``nanoseconds``: what a value it writes costs, before it has ever been measured.
     ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
     may be multiplied as if it were not there.
-    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"demosaicing"``, ``"sharpening"``,
-    ``"lens"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
-    nothing: what it reads and writes decides alone.
     ``once``: physics that is met once on the way through the camera (``"diffraction"``, ``"fall-off"``): a second stage with the same
     on the way counts it twice, which the plan notes.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
     writes: ClassVar[Mapping[str, str]] = {}
+    role: ClassVar[str] = ""
+    run: ClassVar[Any] = None
+    creates: ClassVar[Mapping[str, Coordinate]] = {}
     gain: ClassVar[float | None] = None
     nan: ClassVar[str] = "error"
     negative: ClassVar[str] = "error"
     libraries: ClassVar[tuple[str, ...]] = ()
-    radial: ClassVar[bool] = False
+    nanoseconds: ClassVar[float] = 30.0
     pointwise: ClassVar[bool] = False
-    role: ClassVar[str] = ""
     once: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -169,22 +81,36 @@ class Stage:
         """Whether random numbers are the same whatever the parameter values are."""
         return False
 
+    def grid(self, inputs: Any) -> Mapping[str, Grid]:
+        """{variable: Grid} where the grid changes, from {port: Grid}."""
+        return {}
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Probe(Stage):
-    """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
+    def prepare(self, coordinates: Any) -> Any:
+        """Tables and matrices, once per (parameters, coordinates)."""
+        return None
 
-    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
-    that stage (``etendue.run.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
-    Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
-    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it.
-    """
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """What is known of what it writes, from {port: Facts} and {port: Grid}."""
+        return UNKNOWN
 
-    with_grids: ClassVar[bool] = False
-    beside: ClassVar[tuple[str, ...]] = ()
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+        """A bound relative to full scale, and how it is known: proved, fitted, measured. Literals: ``error = proved(2e-7, 4e-16)``."""
+        return None, "unknown"
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        """What a user should know about these values."""
+        return []
+
+    def warn_among(self, others: Any) -> list[str]:
+        """The same about the stages of the pipeline: classes by the name of their use."""
+        return []
+
+    def assumes(self) -> Mapping[str, Any]:
+        """What it takes for granted of things that others take for granted too; the plan notes where one before it has another value."""
+        return {}
 
 
-WORDS = frozenset(name for kind in (Stage, Probe) for name in vars(kind) if not name.startswith("_"))
+WORDS = frozenset(name for name in vars(Stage) if not name.startswith("_"))
 
 
 def looks(declaration: Declaration) -> str:
@@ -234,10 +160,10 @@ def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
 @per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
-    if not has_method(kind, "run"):
+    if kind.run is None:
         return ()
     names = []
-    for parameter in list(inspect.signature(kind.run).parameters.values())[1:]:  # type: ignore[attr-defined]
+    for parameter in list(inspect.signature(kind.run).parameters.values())[1:]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise TypeError(f"{kind.__name__}.run takes *{parameter.name}; name every input")
         names.append(parameter.name)
@@ -251,62 +177,20 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
 @per_kind
 def optional_ports(kind: type[Stage]) -> frozenset[str]:
     """Ports that nobody need write: their arguments of ``run`` have a default."""
-    given = inspect.signature(kind.run).parameters if has_method(kind, "run") else {}  # type: ignore[attr-defined]
+    given = inspect.signature(kind.run).parameters if kind.run is not None else {}
     return frozenset(name for name in kind.reads if name in given and given[name].default is not inspect.Parameter.empty)
 
 
-def check_class(kind: type[Stage]) -> None:
-    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where it is another."""
-    name, gain, creates = kind.__name__, kind.gain, getattr(kind, "creates", {})
-    number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
-    if gain is not None and not number:
-        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
-    for attribute, words in (("nan", ("error", "keep")), ("negative", ("error", "keep", "clip"))):
-        if getattr(kind, attribute) not in words:
-            raise TypeError(f"{name}.{attribute} is {getattr(kind, attribute)!r}; allowed are {', '.join(map(repr, words))}")
-    if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
-        raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
-    if not isinstance(creates, Mapping) or not all(isinstance(value, Line | Bands | Labels) for value in creates.values()):
-        raise TypeError(f"{name}.creates is {creates!r}; expected dims and their coordinates, such as {{'channel': RGB}}")
-    if not has_method(kind, "run") and not has_method(kind, "transfer"):
-        raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
-    rate = getattr(kind, "nanoseconds", 1.0)
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
-        raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
-    for attribute in ("run", "transfer", "grid", "describe", "carry", "error", "negligible", "prepare", "warn", "warn_among"):
-        if hasattr(kind, attribute) and not callable(getattr(kind, attribute)):
-            raise TypeError(f"{name}.{attribute} is {getattr(kind, attribute)!r}; expected a method")
-
-
-def is_source(kind: type[Stage]) -> bool:
-    return has_method(kind, "describe")
-
-
-def is_transfer(kind: type[Stage]) -> bool:
-    return has_method(kind, "transfer")
-
-
-def ends_in_sum(kind: type[Stage]) -> bool:
-    return has_method(kind, "weights")
-
-
-def is_random(kind: type[Stage]) -> bool:
-    return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
-
-
-def resolved_parameters(stage: Stage) -> dict[str, Any]:
-    """Every parameter with its value, in declared order."""
-    return {field.name: getattr(stage, field.name) for field in dataclasses.fields(stage)}
-
-
 def files_of(stage: Stage) -> dict[str, str]:
-    """Paths of the files that parameters name."""
+    """Paths of the files that parameters stand for."""
     values = {name: (parameter, getattr(stage, name)) for name, (parameter, _, _) in parameters_of(type(stage)).items()}
-    return {
-        name: value
-        for name, (parameter, value) in values.items()
-        if isinstance(value, str) and value and (parameter.file or (parameter.table and value.endswith(".csv")))
-    }
+    paths = {name: file_behind(value, parameter) for name, (parameter, value) in values.items() if isinstance(value, str)}
+    return {name: path for name, path in paths.items() if path}
+
+
+def file_behind(value: str, parameter: Parameter) -> str:
+    """The file that a value stands for, as it is named; of a spectrum that a distribution brings its path; '' for what is no file."""
+    return value if parameter.file else spectrum(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:

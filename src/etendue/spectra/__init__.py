@@ -1,5 +1,6 @@
 """Spectral tables as bin means: lights, eyes, cameras, displays, test charts. colour-science is imported late, here only."""
 
+from etendue.discovery import spectrum
 from etendue.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv
 from etendue.spectra.ends import cut_off_note, held_in_the_infrared, held_note
 from etendue.spectra.library import (
@@ -37,6 +38,6 @@ __all__ = [
     "check_luminance", "check_rgb_space", "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "csv_rows",
     "cut_off_note", "display_primaries", "held_in_the_infrared", "held_note", "illuminant", "light_of_luminance", "light_of_radiance",
     "load_library", "luminance_notes", "luminance_of", "luminous_efficiency", "rendered_share", "require_rows", "rgb_space_matrix",
-    "rgb_space_names", "rgb_space_primaries", "rgb_space_white", "srgb_to_xyz", "table_from_csv", "unmeasured_share", "upsampling_basis",
-    "white_chromaticity", "xyz_to_lms_matrix",
+    "rgb_space_names", "rgb_space_primaries", "rgb_space_white", "spectrum", "srgb_to_xyz", "table_from_csv", "unmeasured_share",
+    "upsampling_basis", "white_chromaticity", "xyz_to_lms_matrix",
 ]  # fmt: skip

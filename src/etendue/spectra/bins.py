@@ -7,15 +7,16 @@ A bin mean is the exact integral of a piecewise-linear interpolant, divided by t
 means over the parts of a bin average back to the mean over the bin. What holds where a table ends: `ends`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from etendue.discovery import spectrum
 from etendue.spectra.ends import beyond, reach_of
-from etendue.spectra.names import require_name
 
 FloatArray = npt.NDArray[np.float64]
 Edges = Sequence[float] | FloatArray
@@ -95,7 +96,7 @@ def table_from_csv(
         A broken file, naming file and line, or a column it does not have.
     """
     checked = checked_edges(edges)
-    names, nodes, values = _read_csv(Path(path))
+    names, nodes, values = _read_csv(Path(spectrum(str(path)) or path))
     wanted = names if columns is None else list(columns)
     for name in wanted:
         require_name(name, names, f"column of {path}:")
@@ -104,8 +105,11 @@ def table_from_csv(
 
 
 def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
-    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them."""
-    return _read_csv(Path(path))
+    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them.
+
+    The name under which a distribution brings a table is as good as its path.
+    """
+    return _read_csv(Path(spectrum(str(path)) or path))
 
 
 def require_rows(path: str | Path, edges: Edges) -> None:
@@ -155,3 +159,15 @@ def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> li
             raise ValueError(f"{path}, line {number}: {cell!r} in column {name!r} is not a finite number")
         values.append(value)
     return values
+
+
+def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
+    """Refuse a name that is none of these: with the nearest ones."""
+    if name in list(names):  # a list, because colour's key views also match other spellings
+        return
+    spelled = {candidate.casefold(): candidate for candidate in names}
+    nearest = [spelled[n] for n in get_close_matches(str(name).casefold(), spelled, n=5, cutoff=0.4)]
+    shown = nearest or sorted(names)[:12]
+    label = "nearest names" if nearest else "known names"
+    tail = f"; also {besides}" if besides else ""
+    raise ValueError(f"unknown {kind} {name!r}; {label}: {', '.join(map(repr, shown))}{tail}")

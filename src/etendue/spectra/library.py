@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from etendue.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
-from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, frozen, with_reach
-from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, require_name
+from etendue.discovery import spectrum
+from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, require_name, table_from_csv, with_reach
+from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, state_of
 
 SECOND_RADIATION_CONSTANT = PLANCK * SPEED_OF_LIGHT / BOLTZMANN * 1e9  # nm K
 PLANCK_REFERENCE = 560.0  # nm; where a Planck spectrum is 100, as CIE illuminant A is
@@ -101,7 +102,8 @@ def illuminant(name: str, edges: Edges) -> FloatArray:
     ----------
     name : str
         A name in ``colour.SDS_ILLUMINANTS`` ("D65", "A", "FL2"); "E", which is 100 at all wavelengths;
-        "<T> K", a Planck radiator at T >= 100 K, 100 at 560 nm; or "<w> nm", a spectral line.
+        "<T> K", a Planck radiator at T >= 100 K, 100 at 560 nm; "<w> nm", a spectral line; the path of a
+        CSV table with one column, or the name under which a distribution brings one.
     edges : (n + 1,) ascending, nm
 
     Returns
@@ -121,24 +123,34 @@ def illuminant(name: str, edges: Edges) -> FloatArray:
     relative from 300 to 1e6 K, 2.3e-13 at 100 K (380-1100 nm, bins of 1 to 360 nm, against 20-point panels of
     0.25 nm in 80-bit arithmetic).
     """
-    return _illuminant(name, checked_edges(edges))
+    return _illuminant(name, checked_edges(edges), state_of(name))
 
 
 @lru_cache(maxsize=128)
-def _illuminant(name: str, edges: tuple[float, ...]) -> FloatArray:
+def _illuminant(name: str, edges: tuple[float, ...], state: tuple[int, int]) -> FloatArray:
     computed = COMPUTED.fullmatch(str(name))
     if computed:
         number = float(computed[1])
         return frozen(_planck(number, edges) if computed[2] == "K" else _line(number, edges))
     if name == "E":
         return frozen(np.full(len(edges) - 1, 100.0))
-    nodes, values = rows_of(lookup(colour_science().SDS_ILLUMINANTS, name, "illuminant", COMPUTED_ILLUMINANTS))
+    nodes, values = illuminant_rows(name)
     if edges[0] < nodes[0] or edges[-1] > nodes[-1]:
         raise ValueError(
             f"illuminant {name!r} is tabulated from {nodes[0]:g} to {nodes[-1]:g} nm, but the bins span "
             f"{edges[0]:g} to {edges[-1]:g} nm; narrow the wavelength axis, or use 'E' or '<T> K'"
         )
     return frozen(bin_means(nodes, values, edges, "zero"))
+
+
+def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
+    """Wavelengths (nm) and relative powers of a tabulated illuminant."""
+    if spectrum(name):
+        columns, nodes, values = csv_rows(name)
+        if len(columns) > 1:
+            raise ValueError(f"the illuminant {name!r} has columns {', '.join(columns)}; a light has one")
+        return nodes, values[:, 0]
+    return rows_of(lookup(colour_science().SDS_ILLUMINANTS, name, "illuminant", COMPUTED_ILLUMINANTS))
 
 
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
@@ -244,19 +256,23 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
     Parameters
     ----------
     name : str
-        A name in ``colour.MSDS_CAMERA_SENSITIVITIES`` ("Nikon 5100 (NPL)", "Sigma SDMerill (NPL)").
+        A name in ``colour.MSDS_CAMERA_SENSITIVITIES`` ("Nikon 5100 (NPL)", "Sigma SDMerill (NPL)"), the path of
+        a CSV table, or the name under which a distribution brings one.
     edges : (n + 1,) ascending, nm
 
     Returns
     -------
-    channels : ("R", "G", "B")
-    sensitivity : (n, 3) array, relative to the peak of each channel; 0 farther than half a step from the table
+    channels : ("R", "G", "B"), or the columns of the file
+    sensitivity : (n, k) array, relative to the peak of each channel; 0 farther than half a step from the table
 
     Raises
     ------
     ValueError
         Unknown name.
     """
+    if spectrum(name):
+        columns, values = table_from_csv(name, edges)
+        return tuple(columns), values
     return ("R", "G", "B"), _camera_sensitivity(name, checked_edges(edges))
 
 
@@ -267,7 +283,10 @@ def _camera_sensitivity(name: str, edges: tuple[float, ...]) -> FloatArray:
 
 
 def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Channels, wavelengths (rows,) in nm and relative sensitivities (rows, 3) of a camera, as the library has them."""
+    """Channels, wavelengths (rows,) in nm and relative sensitivities (rows, k) of a camera, as its table has them."""
+    if spectrum(name):
+        columns, nodes, values = csv_rows(name)
+        return tuple(columns), nodes, values
     return ("R", "G", "B"), *rows_of(lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera"))
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.spectra.bins import Edges, FloatArray, checked_edges
 from etendue.spectra.ends import CONSEQUENCE
-from etendue.spectra.library import colour_science, illuminant, lookup, planck_power, rows_of
-from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, EYE, MOST_OF_IT, line_of, range_of
+from etendue.spectra.library import colour_science, illuminant, illuminant_rows, planck_power, rows_of
+from etendue.spectra.names import COMPUTED, EYE, MOST_OF_IT, line_of, range_of, state_of
 
 UNMEASURED = 0.01  # share of the luminance that may hang on an end value held
 
@@ -46,7 +46,7 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
     Sums over bins, products of their means, miss it: for D65 by 2e-5, 8e-5, 2.3e-4, 3e-3 and 1.1e-2 with bins of 5, 10, 20 (380-780 nm),
     50 and 100 nm (400-700 nm), for the lines of FL11 by 2.8e-4, 1.0e-3 and 3.1e-3 with 5, 10 and 20 nm.
     """
-    total, held = _luminance_of(str(name), float(lowest), float(highest))
+    total, held = _luminance_of(str(name), float(lowest), float(highest), state_of(name))
     if held > UNMEASURED * total:
         rows = illuminant_rows(name)[0]
         raise ValueError(
@@ -58,17 +58,12 @@ def luminance_of(name: str, lowest: float = EYE[0], highest: float = EYE[1]) -> 
 
 def unmeasured_share(name: str) -> float:
     """Share of the luminance of a light that hangs on the end values of its table."""
-    total, held = _luminance_of(str(name), *EYE)
+    total, held = _luminance_of(str(name), *EYE, state_of(name))
     return held / total if total > 0 else 0.0
 
 
-def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (nm) and relative powers of a tabulated illuminant."""
-    return rows_of(lookup(colour_science().SDS_ILLUMINANTS, name, "illuminant", COMPUTED_ILLUMINANTS))
-
-
 @lru_cache(maxsize=256)
-def _luminance_of(name: str, lowest: float, highest: float) -> tuple[float, float]:
+def _luminance_of(name: str, lowest: float, highest: float, state: tuple[int, int]) -> tuple[float, float]:
     """Luminance between two wavelengths, and that part of it which lies beyond the rows of a table."""
     eye, efficiency = _efficiency()
     lowest, highest = max(lowest, float(eye[0])), min(highest, float(eye[-1]))
@@ -199,5 +194,5 @@ def luminance_notes(name: str, lowest: float, highest: float) -> list[str]:
 
 def rendered_share(name: str, lowest: float, highest: float) -> float:
     """Share of a light's luminance that lies in a window of wavelengths (nm); 0 for light that no eye sees."""
-    whole = _luminance_of(str(name), *EYE)[0]
-    return _luminance_of(str(name), float(lowest), float(highest))[0] / whole if whole > 0 else 0.0
+    whole = _luminance_of(str(name), *EYE, state_of(name))[0]
+    return _luminance_of(str(name), float(lowest), float(highest), state_of(name))[0] / whole if whole > 0 else 0.0

@@ -1,4 +1,4 @@
-"""The names of the tables in colour-science, so that a plan can refuse a wrong one without importing it.
+"""The names of tables, of colour-science and of distributions, so that a plan can refuse a wrong one without importing the library.
 
 In:  a name, and the wavelengths it is wanted for (nm).
 Out: nothing, or ValueError with the nearest names that exist.
@@ -7,11 +7,16 @@ Out: nothing, or ValueError with the nearest names that exist.
 """
 
 import csv
+import os
 import re
 from collections.abc import Collection
-from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
+
+from etendue import discovery
+from etendue.discovery import spectrum
+from etendue.hookspecs import LIBRARY
+from etendue.spectra.bins import csv_rows, require_name
 
 LOWEST_TEMPERATURE = 100.0  # K; colder spectra overflow float64 towards the infrared
 COMPUTED = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*(K|nm)\s*")
@@ -20,23 +25,16 @@ EYE = (360.0, 830.0)  # nm; where the CIE tabulates what an eye sees
 MOST_OF_IT = (420.0, 680.0)  # nm; holds 99 % of the luminance of every table, and of Planck radiators from 2000 K on
 
 
-def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
-    if name in list(names):  # a list, because colour's key views also match other spellings
-        return
-    spelled = {candidate.casefold(): candidate for candidate in names}
-    nearest = [spelled[n] for n in get_close_matches(str(name).casefold(), spelled, n=5, cutoff=0.4)]
-    shown = nearest or sorted(names)[:12]
-    label = "nearest names" if nearest else "known names"
-    tail = f"; also {besides}" if besides else ""
-    raise ValueError(f"unknown {kind} {name!r}; {label}: {', '.join(map(repr, shown))}{tail}")
-
-
 @cache
 def tables(kind: str) -> dict[str, tuple[float, float]]:
     """Name to (lowest, highest) wavelength, nm, of every ``illuminant``, ``camera`` or ``display`` table."""
+    return {row["name"]: (float(row["lowest_nm"]), float(row["highest_nm"])) for row in _rows_of(kind)}
+
+
+def _rows_of(kind: str) -> list[dict[str, str]]:
     text = (files("etendue") / "data" / "spectral_tables.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
-    return {row["name"]: (float(row["lowest_nm"]), float(row["highest_nm"])) for row in rows if row["kind"] == kind}
+    return [row for row in rows if row["kind"] == kind]
 
 
 def check_illuminant(name: str, lowest: float, highest: float) -> None:
@@ -51,9 +49,9 @@ def check_illuminant(name: str, lowest: float, highest: float) -> None:
         return
     if name == "E":
         return
-    known = tables("illuminant")
-    require_name(name, known, "illuminant", COMPUTED_ILLUMINANTS)
-    first, last = known[name]
+    if not spectrum(name):
+        require_name(name, [*tables("illuminant"), *brought()], "illuminant", COMPUTED_ILLUMINANTS)
+    first, last = range_of(name)
     if lowest < first or highest > last:
         raise ValueError(
             f"illuminant {name!r} is tabulated from {first:g} to {last:g} nm, but the bins span "
@@ -69,26 +67,44 @@ def line_of(name: str) -> float | None:
 
 def range_of(name: str) -> tuple[float, float]:
     """Lowest and highest wavelength (nm) of an illuminant's table; those of the eye where it is computed."""
-    return EYE if name == "E" or COMPUTED.fullmatch(name) else tables("illuminant")[name]
+    if name == "E" or COMPUTED.fullmatch(name):
+        return EYE
+    return _rows_from(name) or tables("illuminant")[name]
 
 
 def camera_range(name: str) -> tuple[float, float]:
     """Lowest and highest wavelength (nm) of a camera's table."""
-    return tables("camera")[name]
+    return _rows_from(name) or tables("camera")[name]
+
+
+def _rows_from(name: str) -> tuple[float, float] | None:
+    """Lowest and highest wavelength (nm) of a table in a file."""
+    rows = csv_rows(name)[1] if spectrum(name) else None
+    return None if rows is None else (float(rows[0]), float(rows[-1]))
+
+
+def brought() -> list[str]:
+    """The names of tables that distributions bring as files."""
+    found = discovery.installed()
+    return [name for name in found.names("spectra") if found.all("spectra", name)[-1].value != LIBRARY]
+
+
+def state_of(name: str) -> tuple[int, int]:
+    """What a table is remembered by beside its name: time and size of its file; (0, 0) of a table of the library."""
+    found = os.stat(path) if (path := spectrum(name)) else None
+    return (found.st_mtime_ns, found.st_size) if found else (0, 0)
 
 
 def check_camera(name: str) -> None:
     """Refuse an unknown camera; the path of a CSV table and ``flat`` pass."""
-    if not name.endswith(".csv") and name != "flat":
-        require_name(name, tables("camera"), "camera", "the path of a CSV table, or flat")
+    if not spectrum(name) and name != "flat":
+        require_name(name, [*tables("camera"), *brought()], "camera", "the path of a CSV table, or flat")
 
 
 @cache
 def rgb_space_names() -> frozenset[str]:
     """The RGB spaces of colour-science."""
-    text = (files("etendue") / "data" / "spectral_tables.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
-    return frozenset(row["name"] for row in rows if row["kind"] == "rgb_space")
+    return frozenset(row["name"] for row in _rows_of("rgb_space"))
 
 
 def check_rgb_space(name: str, besides: Collection[str] = ()) -> None:

@@ -16,9 +16,10 @@ from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.plan.model import Node
 from etendue.registry import Registry
 from etendue.spec import camera
+from etendue.spec.capabilities import Probe, is_transfer
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.roles import REFERENCE
-from etendue.spec.stage import Probe, is_transfer, reads_of, writes_of
+from etendue.spec.stage import reads_of, writes_of
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
     faults = []
     for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
         use = value.get("use") if isinstance(value, dict) else value
-        if not isinstance(use, str) or use not in registry or registry.clash(use):
+        if not isinstance(use, str) or use not in registry:
             continue  # a fault that the planner names
         try:
             kind = registry.load(use)
@@ -140,20 +141,18 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     role (``Stage.role``) and those that only stand in references are none.
     """
     own = node.alternatives[0]
-    reads, writes = ({str(d) for d in found(own.kind).values()} for found in (reads_of, writes_of))
+    reads, writes = ({str(d) for d in found(own.kind).values() if not d.optional} for found in (reads_of, writes_of))
     chosen, broken = [own.use], []
     for name in registry.names():
         if name == own.use:
             continue
         try:
-            if registry.clash(name):
-                raise PluginError(f"the stage {name!r} is offered by {' and '.join(registry.clash(name))}; uninstall one of them")
             kind = registry.load(name)
         except PluginError as error:
             broken.append(str(error))
             continue
         needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
-        fits = {str(d) for d in writes_of(kind).values()} == writes and needed <= reads and (needed or not reads)
+        fits = {str(d) for d in writes_of(kind).values() if not d.optional} == writes and needed <= reads and (needed or not reads)
         same = kind.role == own.kind.role or (kind.role != REFERENCE and not (kind.role and own.kind.role))
         if fits and same and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
             chosen.append(name)

@@ -27,9 +27,8 @@ from etendue.run.cell import compute
 from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, Outcome, execute
+from etendue.spec.capabilities import Viewed, is_source, is_transfer
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.roles import Adapting
-from etendue.spec.stage import is_source, is_transfer
 from etendue.studies import edge
 from etendue.studies.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
 from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
@@ -364,7 +363,7 @@ def _viewing_white(reader: _Reader, branched: Branched, position: int) -> Any:
     assert branched.colour is not None
     name = branched.colour.ours[0]
     stage = reader.plan.cells[reader.ref(name, position)].stage
-    white = stage.viewing_white() if isinstance(stage, Adapting) else None
+    white = stage.viewing_white() if isinstance(stage, Viewed) else None
     if white is None:
         white = reader.of(("white_xyz", writer(branched.nodes, "white_xyz")), position)
     return np.asarray(xyz_from_xy(D65_XY) if white is None else white, dtype=np.float64)

@@ -18,9 +18,10 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError, nearest
 from etendue.registry import Registry
+from etendue.spec.capabilities import ends_in_sum, is_transfer
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
-from etendue.spec.stage import Stage, ends_in_sum, is_transfer, parameters_of, reads_of, writes_of
+from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
 from etendue.studies.axis import without_sweep
 from etendue.studies.branches import Reference, nodes_of, writer
 

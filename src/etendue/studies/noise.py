@@ -31,10 +31,11 @@ from etendue.run.found import with_found
 from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, execute
+from etendue.spec.capabilities import is_random, is_source
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
 from etendue.spec.roles import FlatScene, Noisy, Scaled
-from etendue.spec.stage import is_random, is_source, parameters_of, writes_of
+from etendue.spec.stage import parameters_of, writes_of
 from etendue.studies import installed
 from etendue.studies.axis import without_sweep
 

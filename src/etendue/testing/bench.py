@@ -22,18 +22,11 @@ from etendue.run.cell import compute, smallest
 from etendue.run.jobs import Job
 from etendue.run.segments import Result
 from etendue.spec import camera
+from etendue.spec.capabilities import Summed, Transfer, is_random, is_source
 from etendue.spec.facts import Facts
 from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.spec.ports import CellReport
-from etendue.spec.stage import (
-    Stage,
-    has_method,
-    is_random,
-    is_source,
-    looks,
-    reads_of,
-    writes_of,
-)
+from etendue.spec.stage import Stage, looks, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 Frame = tuple[int, int]
@@ -98,14 +91,14 @@ class Trial:
         return self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
 
 
-class _Blur(Stage):
+class _Blur(Transfer):
     """What probes look at: a Gaussian transfer function."""
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(wavelength)
 
 
-class _Sum(Stage):
+class _Sum(Summed):
     """The same, ending in a sum over wavelength."""
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
@@ -168,7 +161,7 @@ class Bench:
             size = frame[0 if dim == "y" else 1]
             if "wavelength" in declaration.dims or declaration.variable == "*.irradiance":
                 return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
-            pitch = float(getattr(self.stage, "pixel_pitch", camera.default("pixel_pitch")))
+            pitch = float(getattr(self.stage, "pixel_pitch", camera.declared("pixel_pitch").default))
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB
@@ -177,8 +170,8 @@ class Bench:
     def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
         grids = {}
         for port, declaration in self.reads.items():
-            dims = [dim for dim in declaration.dims if dim != "..."]
-            grids[port] = self.given_grids.get(port) or Grid.of({dim: self.coordinate(dim, declaration, frame) for dim in dims})
+            found = {dim: self.coordinate(dim, declaration, frame) for dim in declaration.dims}
+            grids[port] = self.given_grids.get(port) or Grid.of(found)
         return grids
 
     def job(self, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False) -> Job:
@@ -189,7 +182,7 @@ class Bench:
         if is_source(self.kind):
             declared = self.stage.describe()[1]  # type: ignore[attr-defined]
         else:
-            declared = self.stage.grid(inputs) if has_method(self.kind, "grid") else {}  # type: ignore[attr-defined]
+            declared = self.stage.grid(inputs)
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         return Job(
@@ -208,7 +201,7 @@ class Bench:
     def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
         """One input, in double precision: ordinary values, six decades of them, or an extreme."""
         declaration, grid = self.reads[port], self.input_grids(frame)[port]
-        shape = grid.shape(tuple(dim for dim in declaration.dims if dim != "..."))
+        shape = grid.shape(declaration.dims)
         random = np.random.default_rng([1, *map(ord, port + what)])
         full = self.scale(port) * factor
         spread = random.uniform(0.1, 1.0, shape)
@@ -240,7 +233,7 @@ class Bench:
 
     @staticmethod
     def _seen_dims(declaration: Declaration) -> tuple[str, ...]:
-        return tuple(d for d in declaration.dims if d != "...") or ("wavelength", "y", "x")
+        return declaration.dims or ("wavelength", "y", "x")
 
     def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
@@ -294,7 +287,7 @@ class Bench:
 
     def own_error(self, inputs: Arrays, precision: str, frame: Frame = FRAME) -> float | None:
         """The bound the stage states for itself."""
-        if not has_method(self.kind, "error"):
+        if self.kind.error is Stage.error:
             return None
         facts = self.stage.describe()[0] if is_source(self.kind) else self.facts(inputs)  # type: ignore[attr-defined]
         return self.stage.error(facts, self.input_grids(frame), precision)[0]  # type: ignore[attr-defined]
@@ -307,8 +300,7 @@ def digests(arrays: Arrays) -> dict[str, str]:
 def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
     """Facts of an array: uniform and contrast over positions, at every wavelength and channel."""
     array = np.asarray(array, dtype=float)
-    names = [dim for dim in dims if dim != "..."]
-    places = tuple(i for i, dim in enumerate(names) if dim in ("y", "x"))
+    places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
     if not array.size:
         return Facts()
     low, high = array.min(axis=places), array.max(axis=places)

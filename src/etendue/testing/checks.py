@@ -17,13 +17,10 @@ import numpy as np
 
 from etendue.plan.parameters import Unfit, resolve
 from etendue.spec import camera
+from etendue.spec.capabilities import is_source
 from etendue.spec.facts import Facts
-from etendue.spec.stage import (
-    MISSING,
-    Parameter,
-    Stage,
-    is_source,
-)
+from etendue.spec.parameter import MISSING, Parameter
+from etendue.spec.stage import Stage
 from etendue.spec.units import UnitError, parse_unit
 from etendue.testing.bench import (
     CLEAR,

@@ -15,21 +15,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from etendue import discovery
 from etendue.plan.asking import lacking
 from etendue.run.bands import run_bands
+from etendue.spec import variables
+from etendue.spec.capabilities import Banded, Bounded, Probe, is_source, is_transfer
 from etendue.spec.grid import Grid
-from etendue.spec.stage import (
-    Probe,
-    Stage,
-    arguments_of,
-    has_method,
-    is_source,
-    is_transfer,
-    looks,
-    parameters_of,
-    reads_of,
-    writes_of,
-)
+from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, reads_of, writes_of
 from etendue.testing.bench import (
     EXTREMES,
     FRAME,
@@ -92,15 +84,18 @@ class StageConformance:
         except (TypeError, ValueError) as error:
             raise LawBroken(f"{name}: {error}") from None
         hold(bool(writes), f"{name} writes nothing")
-        hold(has_method(kind, "run") != is_transfer(kind), f"{name} needs either run or transfer")
+        for d in writes.values():
+            usual = variables.variable(d.variable).units if discovery.installed().first("variables", d.variable) else d.unit
+            hold(usual == d.unit, f"{name} writes {d.variable} in {d.unit}, which is in {usual} wherever else it is written")
+        hold((kind.run is not None) != is_transfer(kind), f"{name} needs either run or transfer")
         hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
         hold(kind.negative in ("error", "clip", "keep"), f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'")
         hold(kind.gain is None or 0 <= kind.gain < math.inf, f"{name}.gain is {kind.gain}; allowed are None and finite numbers from 0")
         seen = [d.variable for d in reads.values() if looks(d) not in ("", "transfer")]
         hold(not seen or issubclass(kind, Probe), f"{name} looks at all stages ({', '.join(seen)}), which only a Probe may")
         hold(not is_source(kind) or not reads, f"{name} has describe, as a source has, but reads {', '.join(reads)}")
-        if not has_method(kind, "grid") and not is_source(kind):
-            known = {dim for d in reads.values() for dim in d.dims} | set(getattr(kind, "creates", {})) | {"...", "stage"}
+        if kind.grid is Stage.grid and not is_source(kind):
+            known = {dim for d in reads.values() for dim in d.dims} | set(kind.creates) | {"stage"}
             for declaration in writes.values():
                 for dim in declaration.dims:
                     hold(dim in known, lacking(kind, dim, declaration.variable))
@@ -147,7 +142,7 @@ class StageConformance:
         if is_source(type(stage)):
             hold(stage.describe() == stage.describe(), f"{stage!r} describes itself differently when asked twice")  # type: ignore[attr-defined]
             return
-        if not has_method(type(stage), "grid"):
+        if type(stage).grid is Stage.grid:
             return
         for frame in (FRAME, *ODD_FRAMES):
             given = self.bench.input_grids(frame)
@@ -257,7 +252,7 @@ class StageConformance:
         Relative to full scale: the largest value of the result in double precision, or a converter's top code.
         """
         bench = self.bench
-        if not has_method(bench.kind, "error"):
+        if bench.kind.error is Stage.error:
             return
         bounds: dict[str, float] = {}
         for precision in PRECISIONS:
@@ -287,7 +282,7 @@ class StageConformance:
 
     def test_leaving_it_out_is_no_worse_than_negligible_says(self) -> None:
         bench = self.bench
-        if not has_method(bench.kind, "negligible"):
+        if not issubclass(bench.kind, Bounded):
             return
         main = next(iter(bench.writes))
         port = next((p for p, d in bench.reads.items() if d.variable == main), None)
@@ -303,7 +298,7 @@ class StageConformance:
             if bound > 0 and not bench.steady:
                 continue
             trial = bench.result(inputs)
-            for variable in bench.writes:
+            for variable in (v for v, d in bench.writes.items() if not d.optional):
                 own = next(p for p, d in bench.reads.items() if d.variable == variable)
                 scale = full_scale(inputs[own])
                 apart = largest_difference(trial.arrays[variable], inputs[own])
@@ -347,7 +342,7 @@ class StageConformance:
         bench = self.bench
         if is_transfer(bench.kind):
             check_single_wavelengths(bench)
-        if not has_method(bench.kind, "by_band"):
+        if not issubclass(bench.kind, Banded):
             return
         job = bench.job()
         given_arrays = bench.given(bench.arrays("ordinary"), "float64")
@@ -369,7 +364,7 @@ class StageConformance:
             trial = bench.result({})
             check_facts(bench, facts, trial.arrays[main], 1e-9, "what it draws")
             return
-        if not has_method(bench.kind, "carry") or not bench.steady:
+        if bench.kind.carry is Stage.carry or not bench.steady:
             return
         for what, factor in (*levels_of(bench), ("point", 1.0), ("hole", 1.0)):
             inputs = bench.arrays(what, factor=factor)

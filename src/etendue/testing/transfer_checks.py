@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from etendue.run.segments import transfer_of
 from etendue.run.tables import prepared_of
-from etendue.spec.stage import ends_in_sum
+from etendue.spec.capabilities import Transfer, ends_in_sum
 from etendue.testing.bench import EDGES, Bench
 from etendue.testing.checks import hold
+from etendue.transfers import Product
 
 
 def check_transfer(bench: Bench) -> None:
     """Shape, 1 at zero frequency, Hermitian, no higher than ``gain`` allows; weights of every band, where it ends in a sum."""
     grids = bench.input_grids()
+    assert isinstance(bench.stage, Transfer)
     prepared = prepared_of(bench.stage, grids, bench.job().grids)
+    product = Product((bench.stage,), EDGES, lambda *_: prepared)
     axis = np.array([-0.7, -0.31, -0.05, 0.0, 0.05, 0.31, 0.7])
-    value = np.asarray(transfer_of(bench.stage, axis[:, None], axis[None, :], EDGES, prepared))
+    value = product.at(axis[:, None], axis[None, :])
     hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (wavelength, y, x)")
     hold(value.ndim == 2 or value.shape[0] in (1, len(EDGES) - 1), f"{bench.name}.transfer has {value.shape[0]} planes for 5 bands")
     hold(bool(np.isfinite(value).all()), f"{bench.name}.transfer is not finite")
@@ -29,7 +31,7 @@ def check_transfer(bench: Bench) -> None:
     uneven = np.abs(value[..., ::-1, ::-1] - np.conj(value)).max()
     hold(uneven <= 1e-12, f"{bench.name}.transfer(-f) is {uneven:.2g} from the conjugate of transfer(f): a real image turns complex")
     wide = np.linspace(-3.0, 3.0, 61)
-    highest = np.abs(transfer_of(bench.stage, wide[:, None], wide[None, :], EDGES, prepared)).max()
+    highest = np.abs(product.at(wide[:, None], wide[None, :])).max()
     limit = max(1.0, bench.stage.gain or 1.0)
     hold(highest <= limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
     if ends_in_sum(bench.kind):

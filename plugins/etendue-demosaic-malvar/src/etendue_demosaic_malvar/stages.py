@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Stage, hookimpl, quantity
+from etendue.api import RGB, Stage, quantity
 from etendue.physics.sensor import cfa
 from etendue_demosaic_malvar.kernel import malvar
 
@@ -44,8 +44,3 @@ class DemosaicMalvar(Stage):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
         return (5e-7 if precision == "float32" else 1e-15), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"demosaic_malvar": DemosaicMalvar}

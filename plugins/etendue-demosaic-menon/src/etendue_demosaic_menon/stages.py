@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Stage, hookimpl, param, quantity
+from etendue.api import RGB, Stage, param, quantity
 from etendue.physics.sensor import cfa
 from etendue_demosaic_menon.adapter import implementation, menon
 
@@ -50,8 +50,3 @@ class DemosaicMenon(Stage):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic, which is double, and of handing on its result; what it invents between samples is none of it."""
         return (3e-7 if precision == "float32" else 2e-15), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"demosaic_menon": DemosaicMenon}

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, param, quantity
 from etendue.physics.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
@@ -80,7 +80,7 @@ class Moved(RealLens):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Blur(Moved):
+class Blur(Moved, Banded, Bounded):
     """Every point spreads by the wavefront of its own field and wavelength, ray-traced through the prescription."""
 
     role: ClassVar = "lens"
@@ -179,7 +179,7 @@ class Blur(Moved):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distortion(Moved):
+class Distortion(Moved, Banded, Bounded):
     """Chief rays put every wavelength where the lens puts it: distortion and lateral colour. Ideal is a pinhole's image."""
 
     role: ClassVar = "distortion"
@@ -240,7 +240,7 @@ class Distortion(Moved):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Illumination(Moved):
+class Illumination(Moved, Banded):
     """Light by the cone that really arrives at each image height, relative to the axis: pupil aberration and vignetting included."""
 
     role: ClassVar = "falloff"
@@ -348,8 +348,3 @@ def _corner_of(grid: Grid) -> float:
         start, step = line.um()
         ends.append(np.array([start, start + step * (line.size - 1)]))
     return _corner(*ends)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"real_lens": Blur, "real_lens_distortion": Distortion, "real_lens_illumination": Illumination, "real_lens_numbers": Numbers}

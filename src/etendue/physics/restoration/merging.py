@@ -42,12 +42,12 @@ def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArra
     Parameters
     ----------
     frames : (frame, channel, y, x) array, linear
-    times : (frame,), s, above 0
+    times : (frame,), above 0, in any unit, such as that of the shortest
     used : (frame, 1 or channel, y, x) array of bool
 
     Returns
     -------
-    (channel, y, x) array, unit of frames per second
+    (channel, y, x) array, unit of frames per time
 
     Notes
     -----
@@ -65,15 +65,15 @@ def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLi
 
     Parameters
     ----------
-    rate : (channel, y, x) array, unit per second
+    rate : (channel, y, x) array, unit per time
         Expected light per time.
-    times : (frame,), s
+    times : (frame,)
     shot, floor : (channel,), unit and unit^2
         Variance of a frame's value: ``shot`` times the value, plus ``floor``.
 
     Returns
     -------
-    (frame, channel, y, x) array, unit^2 per second^2
+    (frame, channel, y, x) array, unit^2 per time^2
     """
     t = np.asarray(times, rate.dtype)[:, None, None, None]
     a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in (shot, floor))
@@ -88,7 +88,7 @@ def merged(
     Parameters
     ----------
     frames : (frame, channel, y, x) array, linear
-    times : (frame,), s
+    times : (frame,)
     level : (frame,), unit of frames
     shot, floor : (channel,)
         As in `variance_of`.
@@ -101,15 +101,17 @@ def merged(
 
     Returns
     -------
-    rate : (channel, y, x) array, unit per second
-    variance : the same, unit^2 per second^2
+    rate : (channel, y, x) array, unit per time
+    variance : the same, unit^2 per time^2
         Of the mosaic's noise as if each value were measured; demosaicing averages it further.
 
     Raises
     ------
     ValueError
-        An unknown method.
+        An unknown method, or a time that is not above 0.
     """
+    if not np.all(np.asarray(times) > 0):
+        raise ValueError(f"the times of the frames are {', '.join(f'{t:g}' for t in np.ravel(times))}; allowed are times above 0")
     t = np.asarray(times, frames.dtype)[:, None, None, None]
     if method == "mean":
         used: Any = np.ones((len(frames), 1, 1, 1), bool)

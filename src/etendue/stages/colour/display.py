@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import RGB, XYZ, Displaying, Grid, Labels, Stage, hookimpl, measured, param
+from etendue.api import RGB, XYZ, Displaying, Grid, Labels, Stage, measured, param
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.colour import matrices
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -244,10 +244,3 @@ class Decode(_Encoding):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         steep = max(1.0, 1 / self.exponent) if self.encoding == "power" else 2.4
         return steep * (1e-6 if precision == "float32" else 2e-15), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "display": Display, "to_cones": ToCones, "from_cones": FromCones, "to_xyz": ToXyz, "encode": Encode, "decode": Decode,
-    }  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import XYZ, Adapting, Grid, Labels, Stage, fitted, hookimpl, measured, param, quantity
+from etendue.api import XYZ, Grid, Labels, Stage, Viewed, fitted, measured, param, quantity
 from etendue.physics.colour import matrices
 from etendue.physics.mosaic import white_balance
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -176,7 +176,7 @@ class CameraToXyz(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Balance(Adapting):
+class Balance(Viewed):
     """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
 
     A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to ``floor`` and counted
@@ -194,7 +194,7 @@ class Balance(Adapting):
     error: ClassVar = measured(1e-6, 3e-15)
 
     space: str = param("Von Kries", choices=tuple(SPACES), doc="cone space of the gains")
-    target: str = param("D65", doc="white of the display: an illuminant, a display or an RGB space")
+    target: str = param("D65", table=True, doc="white of the display: an illuminant, a display or an RGB space")
     gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
     floor: float = param(
         1e-4, at_least=0, below=1, doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused"
@@ -226,10 +226,3 @@ class Balance(Adapting):
                 source = np.linalg.solve(cones, responses) if floored else source
             matrix = matrices.von_kries_matrix(source, prepared, cones)
         return {"xyz_scene": matrices.apply_matrix(matrix, xyz_scene), "cones_floored": np.array(float(floored))}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "colour_fit": ColourFit, "camera_to_xyz": CameraToXyz, "balance": Balance,
-    }  # fmt: skip

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Noisy, Stage, ends, hookimpl, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Noisy, ends, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
 
 
@@ -120,7 +120,7 @@ class ShotNoise(Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FullWell(Stage):
+class FullWell(Bounded):
     """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
 
     role: ClassVar = "full well"
@@ -156,8 +156,3 @@ class FullWell(Stage):
             low=None if known.low is None else min(known.low, capacity),
             high=capacity if known.high is None else min(known.high, capacity),
         )
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"exposure": Exposure, "shot_noise": ShotNoise, "full_well": FullWell}

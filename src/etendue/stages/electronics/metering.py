@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Labels, Stage, ends, hookimpl, measured, param, proved, quantity
+from etendue.api import Facts, Grid, Labels, Stage, ends, measured, param, proved, quantity
 from etendue.physics.electronics import metering
 from etendue.stages.electronics.gain_chain import GainChain
 
@@ -100,8 +100,3 @@ class Bracket(Stage):
 
     def run(self) -> dict[str, Any]:
         return {"integration_time": self.integration_time * 2.0 ** np.repeat(np.array(self.brackets, dtype=float), self.repeats)}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"meter": Meter, "bracket": Bracket}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import hookimpl, measured, quantity
+from etendue.api import measured, quantity
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.physics.electronics import amplifier, dynamic_range, metering
 from etendue.stages.electronics.gain_chain import GainChain, analogue_gain
@@ -151,8 +151,3 @@ class ExposureNumbers(NoiseFloor, Collecting):
             "snr_18": np.array(metering.grey_card_snr(rate * time, variance) if card < room else np.nan),
             "snr10_illuminance": np.array(scene * needed / card if needed < room else np.nan),
         }
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"dynamic_range": DynamicRange, "exposure_report": ExposureReport, "exposure_numbers": ExposureNumbers}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, hookimpl, param, proved, quantity
+from etendue.api import Stage, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range
 
 
@@ -77,8 +77,3 @@ class PaperExposure(Stage):
         smallest = kind(math.sqrt(dark + self.read_noise**2 + self.dsnu**2) / capacity)
         scaled = rgb_camera * kind(self.integration_time / self.reference_time)
         return {"rgb_camera": np.where(scaled < smallest, kind(0), np.minimum(scaled, kind(1)))}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"charge_fraction": ChargeFraction, "paper_exposure": PaperExposure}

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Probe, Stage, hookimpl, proved, quantity
+from etendue.api import Probe, Stage, proved, quantity
 from etendue.physics.electronics.amplifier import full_well
 from etendue.physics.light import radiometry
 
@@ -49,10 +49,3 @@ class LightBudget(Probe):
 
     def run(self, planes: Any) -> dict[str, Any]:
         return {"mean_irradiance": np.array([plane.mean(dtype=np.float64) for _, plane in planes])}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "pixel_numbers": PixelNumbers, "light_budget": LightBudget,
-    }  # fmt: skip

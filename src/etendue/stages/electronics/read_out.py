@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Noisy, Scaled, hookimpl, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Noisy, Scaled, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier, Noisy):
+class ReadNoise(Amplifier, Bounded, Noisy):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
@@ -71,7 +71,7 @@ class ReadNoise(Amplifier, Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinePattern(Noisy):
+class LinePattern(Bounded, Noisy):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"
@@ -183,8 +183,3 @@ class Linearise(KnownNoise, Scaled):
             "mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, white),
             "clipping_level": np.array(lowest / white),
         }
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"read_noise": ReadNoise, "line_pattern": LinePattern, "adc": Adc, "linearise": Linearise}

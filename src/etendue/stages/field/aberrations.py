@@ -12,7 +12,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, param
+from etendue.api import Banded, Facts, Grid, param
 from etendue.physics.field import blur
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.physics.optics import imaging, pupil
@@ -28,7 +28,7 @@ COARSE_ERROR = 0.04  # of kernels as cell means, on a grid that is too coarse fo
 
 
 @dataclass(frozen=True, kw_only=True)
-class Aberrations(Blur, Aberrated):
+class Aberrations(Blur, Aberrated, Banded):
     """Seidel aberrations over the field: spherical, coma, astigmatism, field curvature and defocus, each point with its own spot.
 
     The aperture is a circle, or an annulus. For one wavefront over the whole frame ``wavefront`` is exact and cheaper; image
@@ -158,8 +158,3 @@ class Aberrations(Blur, Aberrated):
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"aberrations": Aberrations}

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Line, Stage, hookimpl, param
+from etendue.api import Banded, Bounded, Facts, Grid, Line, param
 from etendue.physics.field import blur, warp
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.spec.stage import file_state
@@ -40,7 +40,7 @@ def _corner(grid: Grid) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensPsfField(Stage):
+class LensPsfField(Banded, Bounded):
     """Measured or exported point spread functions by image height and wavelength: every point spreads by its own.
 
     The file is a ``PsfBank`` (.npz or .csv, see ``etendue.physics.field.psf_bank``), for image points on the +y axis. Between its
@@ -129,7 +129,7 @@ class LensPsfField(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distortion(Stage):
+class Distortion(Banded, Bounded):
     """Distortion and lateral colour: every image point stands where the lens puts it, r' = r (1 + k1 q + k2 q^2 + k3 q^3).
 
     q = (r / reference_radius)^2, r the ideal height. Irradiance is carried over without the change of area, as radiance is
@@ -239,8 +239,3 @@ class Distortion(Stage):
         if grid.line("x").cells and self.order > 1:
             notes.append("light is means over cells: a spline may swing below zero beside points and edges; order = 1 does not")
         return notes
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"lens_psf_field": LensPsfField, "distortion": Distortion}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, measured, param
+from etendue.api import Banded, Bounded, Facts, Grid, measured, param
 from etendue.physics.light import radiometry
 from etendue.stages.field.illumination import by_curves, farthest, nearest
 from etendue.stages.field.tables import FieldTable, field_table
@@ -20,7 +20,7 @@ from etendue.stages.optics.conjugates import Conjugates
 
 
 @dataclass(frozen=True, kw_only=True)
-class Falloff(Conjugates):
+class Falloff(Conjugates, Banded, Bounded):
     """Less light off the axis: cos4, the exact Lambertian disc, or a table of relative illumination."""
 
     role: ClassVar = "falloff"
@@ -109,8 +109,3 @@ class Falloff(Conjugates):
             return []
         corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()
         return self.rows().remarks(float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"falloff": Falloff}

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, measured, param
+from etendue.api import Banded, Bounded, Facts, Grid, measured, param
 from etendue.physics.field import illumination
 from etendue.stages.field.tables import FieldTable, field_table
 from etendue.stages.optics.conjugates import Conjugates
@@ -50,7 +50,7 @@ def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vignetting(Conjugates):
+class Vignetting(Conjugates, Banded, Bounded):
     """A round rim in front of the entrance pupil cuts oblique beams: the overlap of two discs, less of it when stopped down.
 
     It multiplies whatever fall-off stands beside it.
@@ -100,7 +100,7 @@ class Vignetting(Conjugates):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AngularResponse(Conjugates):
+class AngularResponse(Conjugates, Banded, Bounded):
     """Pixels see less of the light that comes at an angle for which their microlenses are not made; 1 on the axis."""
 
     role: ClassVar = "angular response"
@@ -188,8 +188,3 @@ class AngularResponse(Conjugates):
         radii = np.linspace(0.0, farthest(grids["irradiance"]), 257)
         bands = grids["irradiance"].bands().values()
         return self.rows().remarks(float(np.max(self.folded(self.angle(radii)))), "degrees", bands)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"vignetting": Vignetting, "angular_response": AngularResponse}

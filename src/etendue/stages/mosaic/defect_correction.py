@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, hookimpl, param, proved, quantity
+from etendue.api import Stage, param, proved, quantity
 from etendue.physics.mosaic import defect_correction
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.sensor.masks import first_pixel, mask_of
@@ -106,8 +106,3 @@ class JoinDefectMaps(Stage):
 
     def run(self, defect_map: Any, stuck_map: Any) -> dict[str, Any]:
         return {"defect_map": np.where(stuck_map > 0, stuck_map, defect_map)}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"correct_defects": CorrectDefects, "correct_found_defects": CorrectFoundDefects, "join_defect_maps": JoinDefectMaps}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Grid, Labels, Stage, hookimpl, param, quantity
+from etendue.api import RGB, Grid, Labels, Stage, param, quantity
 from etendue.physics.mosaic import any_mask, bilinear, directional
 from etendue.physics.sensor import cfa
 from etendue.stages.sensor.masks import bayer_order, first_pixel, mask_of
@@ -114,12 +114,3 @@ class DemosaicAny(Stage):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""
         return (1e-6 if precision == "float32" else 3e-15), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "demosaic_nearest": DemosaicNearest, "demosaic_bilinear": DemosaicBilinear,
-        "demosaic_colour_difference": DemosaicColourDifference, "demosaic_directional": DemosaicDirectional,
-        "demosaic_any": DemosaicAny,
-    }  # fmt: skip

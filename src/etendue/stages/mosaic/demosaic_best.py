@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import hookimpl
 from etendue.physics.mosaic import residual
 from etendue.stages.mosaic.demosaic import _Demosaic
 
@@ -27,8 +26,3 @@ class DemosaicResidual(_Demosaic):
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": residual.residual(mosaic_linear, self.seen(y, x))}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"demosaic_residual": DemosaicResidual}

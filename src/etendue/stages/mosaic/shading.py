@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, param, quantity
 from etendue.physics.field import illumination
 from etendue.physics.mosaic import shading
 from etendue.physics.sensor import cfa
@@ -35,7 +35,7 @@ def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensShading(Conjugates):
+class LensShading(Conjugates, Bounded):
     """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a calibrated table.
 
     ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of ``vignetting``
@@ -145,8 +145,8 @@ class LensShading(Conjugates):
         fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
         return {"the fall-off": fall_off, "the response by angle": ("power", self.power)}
 
-    def warn_among(self, kinds: Any) -> list[str]:
-        rims = [name for name, kind in kinds.items() if kind.role == Vignetting.role]
+    def warn_among(self, others: Any) -> list[str]:
+        rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
         if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
             return [f"the lens has a rim (stage {rims[0]}) of which this correction knows nothing: give it rim_radius and rim_distance too"]
         return []
@@ -166,8 +166,3 @@ class LensShading(Conjugates):
                 "its last row holds beyond"
             )
         return notes
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"lens_shading": LensShading}

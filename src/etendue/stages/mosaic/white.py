@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Grid, Labels, Stage, hookimpl, param, proved, quantity
+from etendue.api import Grid, Labels, Stage, param, proved, quantity
 from etendue.physics.mosaic import white_balance
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.electronics.known_noise import KnownNoise
@@ -183,8 +183,3 @@ def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:
     if found != wanted:
         raise ValueError(f"the pattern {pattern!r} has channels {' '.join(wanted)}, but {variable} has {' '.join(map(str, found))}")
     return grid.take(("channel",))
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"white": White, "white_estimate": WhiteEstimate, "balance_mosaic": BalanceMosaic}

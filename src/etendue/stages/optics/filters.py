@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Facts, Grid, Stage, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, param
 from etendue.physics.optics import filters
 
 
 @dataclass(frozen=True, kw_only=True)
-class Birefringent(Stage):
+class Birefringent(Transfer, Bounded):
     """An optical low-pass filter: light split into four equal spots, or two where one separation is 0."""
 
     role: ClassVar = "low-pass filter"
@@ -69,8 +69,3 @@ class Birefringent(Stage):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the transform pair, as for every transfer function."""
         return (1e-6 if precision == "float32" else 5e-15), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"birefringent": Birefringent}

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from etendue import spectra
-from etendue.api import Facts, Grid, Stage, hookimpl, param, proved, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, param, proved, quantity
 from etendue.physics.light import radiometry
 from etendue.physics.optics import filters
 from etendue.stages.optics.conjugates import Conjugates
 
 
 @dataclass(frozen=True, kw_only=True)
-class Irradiance(Conjugates):
+class Irradiance(Conjugates, Banded):
     """Light gathered by the aperture: E = pi L T / (4 N_w^2) (aplanatic), the flat disc of eq. 5, or pi L / (4 T_w^2) of a T-number."""
 
     role: ClassVar = "light gathering"
@@ -71,7 +71,7 @@ class Irradiance(Conjugates):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpticalFilter(Stage):
+class OpticalFilter(Banded, Bounded):
     """A filter in the light path: a smooth short-pass, or any transmission table; several filters are several stages."""
 
     role: ClassVar = "optical filter"
@@ -120,8 +120,3 @@ class OpticalFilter(Stage):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return replace(facts["irradiance"], low=None, high=None)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"irradiance": Irradiance, "optical_filter": OpticalFilter}

@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, param
 from etendue.physics.optics import glare
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glare(Stage):
+class Glare(Transfer, Bounded):
     """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded frame."""
 
     role: ClassVar = "glare"
@@ -63,8 +63,3 @@ class Glare(Stage):
             f"{100 * outside:.2g} % of the light would be scattered beyond half the frame; there it comes back from the mirror image that "
             "continues the scene: give the scene a larger margin, or call that share veil"
         ]
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"glare": Glare}

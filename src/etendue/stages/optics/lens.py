@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, Transfer, param
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.optics import annulus, lens
 from etendue.physics.optics.undershoot import undershoot
@@ -19,7 +19,7 @@ from etendue.stages.optics.conjugates import Cone
 
 
 @dataclass(frozen=True, kw_only=True)
-class Blur(Stage):
+class Blur(Bounded):
     """A transfer function on irradiance. A uniform scene does not need it: exactly nothing changes."""
 
     role: ClassVar = "lens"
@@ -50,7 +50,7 @@ class Blur(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffraction(Blur, Cone):
+class Diffraction(Blur, Cone, Transfer):
     """The perfect circular aperture (eqs. 2-4), or one with a dark disc in its middle: its transfer function at every wavelength.
 
     The f-number is that of the whole circle; the light that an obstruction takes away belongs to ``transmittance`` or ``t_number``.
@@ -83,7 +83,7 @@ def too_coarse(facts: Facts, grid: Grid, f_number: float) -> list[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensGaussian(Blur):
+class LensGaussian(Blur, Transfer):
     """A Gaussian lens blur, the same at every wavelength."""
 
     radial: ClassVar = True
@@ -97,7 +97,7 @@ class LensGaussian(Blur):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensPsf(Blur):
+class LensPsf(Blur, Transfer):
     """A measured, radially symmetric point spread function from a CSV table ``radius_um,psf``."""
 
     radial: ClassVar = True
@@ -123,8 +123,3 @@ class LensPsf(Blur):
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return 2e-6 * (16384 / self.nodes) ** 2, "fitted"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"diffraction": Diffraction, "lens_gaussian": LensGaussian, "lens_psf": LensPsf}

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Stage, hookimpl, param, proved, quantity
+from etendue.api import Stage, param, proved, quantity
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.physics.light import radiometry
 from etendue.physics.optics import diffraction, focus
@@ -105,8 +105,3 @@ class Illuminance(Stage):
     def run(self, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
         white = float(prepared @ white_irradiance.astype(np.float64))
         return {"illuminance": white, "illuminance_grey": self.grey * white}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"lens_numbers": LensNumbers, "pixel_etendue": PixelEtendue, "illuminance": Illuminance}

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, param, quantity
+from etendue.api import Facts, Grid, Transfer, param, quantity
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.optics import annulus, focus, imaging, pupil, wavefront
 from etendue.stages.optics.conjugates import Cone
@@ -73,7 +73,7 @@ class Aberrated(Cone):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wavefront(Blur, Aberrated):
+class Wavefront(Blur, Aberrated, Transfer):
     """The lens by its wavefront at one image point, the same over the frame: aperture, defocus, Zernike and Seidel terms.
 
     It replaces ``diffraction``, which it holds: with every term at zero and a clear circle it is the same numbers. With both in
@@ -286,8 +286,3 @@ class Wavefront(Blur, Aberrated):
 @lru_cache(maxsize=8)
 def _polygon(blades: int, rotation: float, rounding: float) -> pupil.PolygonOtf:
     return pupil.PolygonOtf(blades, rotation, rounding)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"wavefront": Wavefront}

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param, proved, quantity
+from etendue.api import Facts, Grid, Stage, param, proved, quantity
 from etendue.physics.sensor.crosstalk_planes import diffuse_planes
 from etendue.spec.roles import CROSSTALK
 from etendue.stages.electronics.gain_chain import GainChain
@@ -41,10 +41,10 @@ class NoMask(Stage):
     def run(self, photon_rate: Any) -> dict[str, Any]:
         return {"photocurrent": photon_rate.copy()}
 
-    def warn_among(self, kinds: Any) -> list[str]:
+    def warn_among(self, others: Any) -> list[str]:
         if self.crosstalk != "through_filter":
             return []
-        mixing = [kind for kind in kinds.values() if kind.role == CROSSTALK]
+        mixing = [kind for kind in others.values() if kind.role == CROSSTALK]
         if not mixing or any("photon_rate" in kind.writes for kind in mixing):
             return []
         return ["charge diffuses behind the filters, but not in these planes: put crosstalk_planes before them"]
@@ -120,10 +120,3 @@ class CrosstalkPlanes(Crosstalk):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return facts["photon_rate"] if self.crosstalk == "per_plane" else Facts()
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "no_mask": NoMask, "no_demosaicing": NoDemosaicing, "crosstalk_planes": CrosstalkPlanes, "ideal_mosaic": IdealMosaic,
-    }  # fmt: skip

@@ -14,10 +14,10 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from etendue.api import InSilicon, Labels, Probe, hookimpl, param, quantity
+from etendue.api import InSilicon, Labels, Probe, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
-from etendue.spec.stage import ends_in_sum
+from etendue.spec.capabilities import ends_in_sum
 
 POINT_NODES = 160  # of the integral behind the picture of a point: 80 times its smallest detail is far enough
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
@@ -169,8 +169,3 @@ def picture_height(transfers: Any) -> float:
             line = otf.grid.line("y")
             return float(line.size * line.um()[1])
     return math.nan
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"resolution": Resolution}

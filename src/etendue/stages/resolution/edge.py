@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Labels, Probe, hookimpl, param, quantity
+from etendue.api import Labels, Probe, param, quantity
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.resolution import contrast, slanted_edge
 from etendue.physics.sensor import cfa
@@ -332,8 +332,3 @@ def _span(centre: float, size: float, start: float, step: float, count: int) -> 
     low = round((centre - 0.5 * size - start) / step + 0.5)
     high = round(low + size / step)
     return min(max(low, 0), count), min(max(high, 0), count)
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"edge_resolution": EdgeProbe}

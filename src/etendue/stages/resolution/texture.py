@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import ndimage
 
-from etendue.api import Probe, hookimpl, param, quantity
+from etendue.api import Probe, param, quantity
 from etendue.physics.resolution.siemens import StarResponse, star_response
 from etendue.physics.resolution.texture import SMALLEST, TextureResponse, texture_response
 from etendue.stages.resolution.edge import LUMINANCE, NOISE_FREE, SATURATED, EdgeProbe, _first, _luminance, _mixed, _second
@@ -225,8 +225,3 @@ def _half(plane: Any, reference: Any, width: float) -> float:
     if math.isnan(found.mtf50) or not np.interp(found.mtf50, found.frequency, found.doubt) <= DOUBTFUL:
         return math.nan
     return found.mtf50
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"star_resolution": StarProbe, "leaves_resolution": LeavesProbe}

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import hookimpl, measured, param
+from etendue.api import measured, param
 from etendue.physics.restoration import merging
 from etendue.stages.electronics.known_noise import KnownNoise
 
@@ -42,22 +42,18 @@ class MergeFrames(KnownNoise):
 
     method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="which frames count how much")
     sigmas: float = param(3.0, above=0, at_most=100, doc="of 'sigma_clipped': distance from the median, in known noise")
-    margin: int = param(2, at_least=0, at_most=64, doc="of 'hdr': pixels around cut-off ones that are left out with them")
+    around: int = param(2, at_least=0, at_most=64, doc="of 'hdr': pixels around cut-off ones that are left out with them")
 
     def run(self, rgb_camera: Any, integration_time: Any, white: Any, clipping_level: Any, balance_gains: Any = None) -> dict[str, Any]:
+        if not np.all(integration_time > 0):
+            raise ValueError(f"the times of the frames are {', '.join(f'{t:g}' for t in integration_time)} s; allowed are times above 0")
         shot, floor = self.noise_model()
         gains = np.ones(rgb_camera.shape[1]) if balance_gains is None else balance_gains[0]
-        rate, variance = merging.merged(
-            rgb_camera, integration_time, clipping_level, shot * gains, floor * gains**2, self.method, self.sigmas, self.margin
-        )
+        times = integration_time / np.min(integration_time)
+        noise = (shot * gains, floor * gains**2)
+        rate, variance = merging.merged(rgb_camera, times, clipping_level, *noise, self.method, self.sigmas, self.around)
         shortest = int(np.argmin(integration_time))
-        time = integration_time[shortest]
         return {
-            "rgb_camera": rate * time, "integration_time": np.array(time), "white": white[shortest].copy(),
-            "clipping_level": np.array(clipping_level[shortest]), "merged_variance": variance * time**2,
+            "rgb_camera": rate, "integration_time": np.array(integration_time[shortest]), "white": white[shortest].copy(),
+            "clipping_level": np.array(clipping_level[shortest]), "merged_variance": variance,
         }  # fmt: skip
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"merge_frames": MergeFrames}

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Facts, Grid, Stage, hookimpl, param, quantity
+from etendue.api import Bounded, Facts, Grid, Stage, param, quantity
 from etendue.physics.restoration import denoise, sharpening
 from etendue.stages.electronics.known_noise import KnownNoise
+from etendue.stages.restoration.figures import FIGURES, LOOKS, System, figures
 from etendue.stages.sensor.masks import mask_of
 
 
@@ -31,21 +32,28 @@ class Laplacian(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sharpen(Laplacian):
-    """Identity + strength x Laplacian (eq. 11). No clipping inside."""
+class Sharpen(Laplacian, Bounded):
+    """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green, ``noise_gain`` of white noise."""
 
-    reads: ClassVar = {"rgb_camera": "channel y x [1]"}
-    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+    reads: ClassVar = LOOKS
+    writes: ClassVar = FIGURES
 
-    def run(self, rgb_camera: Any) -> dict[str, Any]:
-        return {"rgb_camera": sharpening.sharpen(rgb_camera, self.strength)}
+    pixel_pitch: float = quantity("pixel_pitch")
+
+    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
+        def response(frequency: Any) -> Any:
+            return sharpening.sharpen_response(0.0, frequency, self.strength)
+
+        system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
+        found = figures(asked, system, response, lambda: sharpening.noise_gain(self.strength))
+        return {"rgb_camera": sharpening.sharpen(rgb_camera, self.strength), **found}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "strength is 0") if self.strength == 0 else None
 
 
 @dataclass(frozen=True, kw_only=True)
-class SharpenMosaic(Laplacian):
+class SharpenMosaic(Laplacian, Bounded):
     """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen behind).
 
     ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart: it
@@ -71,38 +79,38 @@ class SharpenMosaic(Laplacian):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnsharpMask(Stage):
-    """``amount`` times the difference from a Gaussian blur is added."""
+class Unsharp(Bounded):
+    """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those above the threshold."""
 
     role: ClassVar = "sharpening"
+    reads: ClassVar = LOOKS
+    writes: ClassVar = FIGURES
     gain: ClassVar = 1.0 + 2 * 10.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 20.0
 
+    pixel_pitch: float = quantity("pixel_pitch")
     radius: float = param(0.7, units="pixel", above=0, at_most=100, doc="standard deviation of the Gaussian")
     amount: float = param(0.8, at_least=0, at_most=10, doc="of the difference that is added; 0: nothing")
     threshold: float = param(0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping")
 
+    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
+        def response(frequency: Any) -> Any:
+            return sharpening.unsharp_response(0.0, frequency, self.radius, self.amount)
+
+        system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
+        found = figures(asked, system, response, lambda: sharpening.unsharp_noise_gain(self.radius, self.amount))
+        return {"rgb_camera": sharpening.unsharp(rgb_camera, self.radius, self.amount, self.threshold), **found}
+
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (4e-7 if precision == "float32" else 2e-15) * (1 + 2 * self.amount), "measured"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Unsharp(UnsharpMask):
-    """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside."""
-
-    reads: ClassVar = {"rgb_camera": "channel y x [1]"}
-    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-
-    def run(self, rgb_camera: Any) -> dict[str, Any]:
-        return {"rgb_camera": sharpening.unsharp(rgb_camera, self.radius, self.amount, self.threshold)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "amount is 0") if self.amount == 0 else None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Denoise(KnownNoise):
+class Denoise(KnownNoise, Bounded):
     """Denoising that keeps edges, by the camera's own noise: what varies no more than the noise becomes its local mean.
 
     The noise is that of the mosaic; demosaicing has evened out some of it, so that the default strength errs on the strong
@@ -128,8 +136,3 @@ class Denoise(KnownNoise):
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic. In single precision the input's own rounding is seen as noise of 3e-8."""
         return (1e-6 if precision == "float32" else 1e-13), "measured"
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"sharpen": Sharpen, "sharpen_mosaic": SharpenMosaic, "unsharp": Unsharp, "denoise": Denoise}

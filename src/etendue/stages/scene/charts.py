@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bands, EdgeScene, Facts, FlatScene, Grid, Line, Stage, hookimpl, param, quantity
+from etendue.api import Banded, Bands, EdgeScene, Facts, FlatScene, Grid, Line, Source, param, quantity
 from etendue.physics.colour.encoding import srgb_decode
 from etendue.physics.scene import charts, composite, resampling
 from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
@@ -25,7 +25,7 @@ DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene(Stage):
+class Scene(Source, Banded):
     """What all scenes share: level, light, grid."""
 
     role: ClassVar = "scene"
@@ -419,12 +419,3 @@ class Photograph(Scene):
         cube += weights[:, 1] * linear[1]
         cube += weights[:, 2] * linear[2]
         return {"radiance": cube, "white_radiance": white}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {
-        "uniform": Uniform, "slanted_edge": SlantedEdge, "siemens_star": SiemensStar, "zone_plate": ZonePlate,
-        "step_wedge": StepWedge, "points": Points, "colorchecker": ColorChecker, "composite": CompositeChart,
-        "photograph": Photograph,
-    }  # fmt: skip

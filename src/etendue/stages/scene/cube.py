@@ -13,14 +13,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bands, Facts, Grid, Line, Stage, hookimpl, param, proved, quantity
+from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, proved, quantity
 from etendue.stages.scene import cube_store
 
 SPECTRAL = "W m-2 sr-1 nm-1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RadianceCube(Stage):
+class RadianceCube(Source, Banded):
     """Spectral radiance from a Zarr store: its own wavelengths and positions, at its own level or at a stated one.
 
     Coordinates ``wavelength`` (nm; bins by ``wavelength_bounds``, else midway between the centres) and ``y``, ``x`` (um on
@@ -154,8 +154,3 @@ def _edges(path: str, group: Any, size: int, variable: str) -> tuple[float, ...]
         raise ValueError(f"wavelength of {variable} must ascend, in nm; it begins with {centres[:3].tolist()}")
     middle = 0.5 * (centres[:-1] + centres[1:])
     return (float(2 * centres[0] - middle[0]), *map(float, middle), float(2 * centres[-1] - middle[-1]))
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"radiance_cube": RadianceCube}

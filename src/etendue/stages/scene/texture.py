@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Facts, Grid, hookimpl, param
+from etendue.api import Facts, Grid, param
 from etendue.physics.scene import charts, dead_leaves
 from etendue.stages.scene.charts import Scene
 
@@ -63,8 +63,3 @@ class DeadLeaves(Scene):
         return self.grey(
             dead_leaves.dead_leaves(y, x, self.chart(), self.softness_um(self.softness), self.cell, self.oversampling), prepared
         )
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"dead_leaves": DeadLeaves}

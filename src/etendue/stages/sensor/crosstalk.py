@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, hookimpl, param
+from etendue.api import Bounded, Facts, Grid, param
 from etendue.physics.sensor import crosstalk, silicon
 from etendue.stages.sensor.masks import first_pixel, mask_of
 from etendue.stages.sensor.sensitivity import Collecting, electrons_per_irradiance
@@ -22,7 +22,7 @@ LARGEST_REACH = 256  # pixels
 
 
 @dataclass(frozen=True, kw_only=True)
-class Crosstalk(Collecting):
+class Crosstalk(Collecting, Bounded):
     """Charge that diffuses behind the colour filters (``crosstalk = "through_filter"``), by a pixel kernel for each channel.
 
     A kernel says where the charge made under a pixel's filter is collected: the square under the filter lit evenly,
@@ -106,8 +106,3 @@ def mixing_of(stage: Any, edges: tuple[float, ...], photons: Any) -> Any:
         return np.eye(len(photons))
     kernel = channel_kernels(photons, tables_of(stage, edges), 1e-8)
     return crosstalk.mixing(kernel, mask_of(stage.pattern))
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"crosstalk": Crosstalk}

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, hookimpl, measured, param, proved, quantity
+from etendue.api import Stage, measured, param, proved, quantity
 from etendue.physics.electronics import amplifier
 from etendue.physics.sensor import defects
 
@@ -83,8 +83,3 @@ class StuckPixels(Stage):
         share = rng_sensor.uniform("level") if self.level < 0 else np.full(found.shape, self.level)
         codes = np.floor(share * (2**self.bits - 1) + 0.5).astype(raw.dtype)
         return {"raw": np.where(found == defects.STUCK, codes, raw), "stuck_map": found.astype(np.uint8)}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"defects": Defects, "stuck_pixels": StuckPixels}

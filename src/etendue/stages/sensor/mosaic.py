@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Grid, Stage, hookimpl, proved, quantity
+from etendue.api import Grid, Stage, proved, quantity
 from etendue.physics.sensor import cfa
 from etendue.stages.sensor.masks import first_pixel, mask_of
 
@@ -42,8 +42,3 @@ class Mosaic(Stage):
 
     def run(self, photon_rate: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"mosaic": Mosaic}

@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, InSilicon, Labels, Line, Stage, hookimpl, param, quantity
+from etendue import spectra
+from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, Transfer, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
 from etendue.spec.roles import CROSSTALK
-from etendue.spec.stage import has_method
 from etendue.stages.sensor.sensitivity import (
     FLAT,
     Collecting,
@@ -27,10 +27,11 @@ from etendue.stages.sensor.sensitivity import (
     quantum_efficiency,
     unused_notes,
 )
+from etendue.transfers import Product
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffusion(InSilicon):
+class Diffusion(Transfer, Bounded, InSilicon):
     """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
 
     role: ClassVar = "diffusion"
@@ -74,7 +75,7 @@ class Diffusion(InSilicon):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pixel(Collecting):
+class Pixel(Collecting, Summed):
     """Light on each pixel's photodiode, summed over wavelength, at the pixel centres.
 
     What lies beyond the pixel's Nyquist frequency folds back: aliasing is part of the answer. The number of pixels
@@ -161,7 +162,7 @@ class Pixel(Collecting):
         """Of the sum over wavelength and the evaluation between samples: 3e-6 at worst, up to 1024 x 1500."""
         return (5e-6 if precision == "float32" else 2e-14), "measured"
 
-    def segment_error(self, before: tuple[Stage, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """With an expansion: what it leaves out of light equally strong in every band, at the frequency where that is most."""
         bound, how = self.error(facts, grid, precision)
         edges = grid["irradiance"].bands().edges
@@ -169,7 +170,7 @@ class Pixel(Collecting):
             return bound, how
         highest = 0.5 * math.hypot(1 / grid["irradiance"].line("y").step, 1 / grid["irradiance"].line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
-        transfer, passed = joined_transfer(before, frequency, edges), self.passed(frequency)
+        transfer, passed = Product(before, edges).along(frequency), self.passed(frequency)
         weights = electrons_per_irradiance(self, edges)
         basis = expansion.wavelength_basis(weights, self.wavelength_terms, transfer, passed)
         return bound + float((passed * expansion.expansion_residual(weights, transfer, basis).max(axis=0)).max()), "fitted"
@@ -195,14 +196,14 @@ class Pixel(Collecting):
             *self._charge_under_other_filters(facts, grids),
         ]
 
-    def warn_among(self, kinds: Any) -> list[str]:
-        if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in kinds.values()):
+    def warn_among(self, others: Any) -> list[str]:
+        if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
             return []
         return ["crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at all"]
 
     def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
         """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
-        known = self.sensitivity == FLAT or self.sensitivity.endswith(".csv")  # tables of colour-science end where their filters do
+        known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)  # tables of colour-science end where their filters do
         if edges[-1] - edges[0] < 200 or not known:
             return []
         bins = tuple(300.0 + 10 * i for i in range(91))
@@ -232,20 +233,3 @@ class Pixel(Collecting):
             "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast left at their Nyquist "
             "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has that"
         ]
-
-
-def joined_transfer(stages: tuple[Any, ...], frequency: Any, edges: tuple[float, ...]) -> Any:
-    """(wavelength, frequency): the product of the transfer functions of some stages along x."""
-    wavelength = 0.5e-3 * (np.array(edges[:-1]) + np.array(edges[1:]))[:, None, None]
-    product = np.ones((wavelength.size, 1, frequency.size))
-    for stage in stages:
-        given = [np.zeros((1, 1)), frequency[None, :], wavelength]
-        if has_method(type(stage), "prepare"):
-            given.append(stage.prepare({"wavelength_edges": np.array(edges), "wavelength": 1e3 * wavelength.ravel()}))
-        product = product * stage.transfer(*given)
-    return product[:, 0]
-
-
-@hookimpl
-def etendue_stages() -> dict[str, type]:
-    return {"diffusion": Diffusion, "pixel": Pixel}

@@ -49,7 +49,7 @@ class Sensitive(Stage):
                 f"peak_qe has {len(self.peak_qe)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
                 f"{', '.join(channels)}; give one value for each, or one for all"
             )
-        if not self.sensitivity.endswith(".csv") and self.sensitivity != FLAT:
+        if not spectra.spectrum(self.sensitivity) and self.sensitivity != FLAT:
             _columns_of(self, CAMERA_COLUMNS)
 
     @property
@@ -117,10 +117,9 @@ def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
     """
     if stage.sensitivity == FLAT:
         return _of_the_silicon(stage, edges, np.ones((len(mask_of(stage.pattern).channels), len(edges) - 1)))
-    read = spectra.table_from_csv if stage.sensitivity.endswith(".csv") else spectra.camera_sensitivity
-    names, table = read(stage.sensitivity, edges)
-    columns = _columns_of(stage, tuple(names))
-    relative, highest = (_relative(stage, columns, *part) for part in ((table, edges), (read(stage.sensitivity, FINE)[1], FINE)))
+    names, table = spectra.camera_sensitivity(stage.sensitivity, edges)
+    columns, fine = _columns_of(stage, names), spectra.camera_sensitivity(stage.sensitivity, FINE)[1]
+    relative, highest = (_relative(stage, columns, *part) for part in ((table, edges), (fine, FINE)))
     peaks = highest.max(axis=1, keepdims=True)
     if not np.all(relative.max(axis=1) > 0):
         raise ValueError(f"the sensitivity {stage.sensitivity!r} has a channel that sees nothing in {edges[0]:g}-{edges[-1]:g} nm")
@@ -166,15 +165,11 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     """
     if stage.sensitivity == FLAT:
         return []
-    if stage.sensitivity.endswith(".csv"):
-        found, rows, values = spectra.csv_rows(stage.sensitivity)
-        names, what = tuple(found), stage.sensitivity
-    else:
-        lowest, highest = spectra.camera_range(stage.sensitivity)
-        if lowest <= edges[0] and edges[-1] <= highest:
-            return []  # without colour-science
-        names, rows, values = spectra.camera_rows(stage.sensitivity)
-        what = f"the sensitivity {stage.sensitivity!r}"
+    lowest, highest = spectra.camera_range(stage.sensitivity)
+    if lowest <= edges[0] and edges[-1] <= highest:
+        return []  # without colour-science
+    names, rows, values = spectra.camera_rows(stage.sensitivity)
+    what = stage.sensitivity if stage.sensitivity.endswith(".csv") else f"the sensitivity {stage.sensitivity!r}"
     chosen = [column for column in _columns_of(stage, names) if column is not None]
     curves = values[:, chosen] / (rows[:, None] if stage.sensitivity_per == "energy" else 1.0)
     return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])

@@ -1,0 +1,10 @@
+"""What this distribution brings to etendue: a demosaicer."""
+
+from __future__ import annotations
+
+from etendue.api import hookimpl
+
+
+@hookimpl
+def etendue_stages() -> dict[str, str]:
+    return {"demosaic_malvar": "etendue_demosaic_malvar.stages:DemosaicMalvar"}

@@ -1,0 +1,51 @@
+"""What etendue itself brings, by the same hooks as any distribution.
+
+In:  the tables in ``data/``.
+Out: stages, variables, camera quantities, sensors, roles and spectra by name.
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from etendue.hookspecs import LIBRARY, hookimpl
+
+DATA = Path(__file__).parent / "data"
+
+
+def _table(name: str) -> dict[str, Any]:
+    return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@hookimpl
+def etendue_stages() -> dict[str, str]:
+    return {name: f"{module}:{kind}" for module, kinds in _table("stages").items() for name, kind in kinds.items()}
+
+
+@hookimpl
+def etendue_variables() -> dict[str, Any]:
+    return _table("variables")
+
+
+@hookimpl
+def etendue_quantities() -> dict[str, Any]:
+    return _table("quantities")
+
+
+@hookimpl
+def etendue_sensors() -> dict[str, Path]:
+    return {path.stem: path for path in (DATA / "sensors").glob("*.toml")}
+
+
+@hookimpl
+def etendue_roles() -> dict[str, str]:
+    return _table("roles")
+
+
+@hookimpl
+def etendue_spectra() -> dict[str, str]:
+    rows = csv.reader(line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#")
+    return {"flat": LIBRARY, **{name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}}

@@ -1,0 +1,169 @@
+"""What a stage can do beyond ``run``: typed bases, asked for by ``issubclass``.
+
+In:  a class of stages.
+Out: whether it is a source, a transfer function, made by band, may be left out, looks at other stages.
+
+Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of the camera in front of it, see ``Probe``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from etendue.spec.facts import Facts
+from etendue.spec.grid import Bands, Grid, Labels, Line
+from etendue.spec.stage import Stage, arguments_of, reads_of, writes_of
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Source(Stage):
+    """A stage that reads nothing and says before any array what it will write."""
+
+    @abstractmethod
+    def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Transfer(Stage):
+    """A linear shift-invariant stage: a transfer function in the place of ``run``. ``radial``: it depends on the size of the frequency
+    alone. It reads and writes one variable."""
+
+    radial: ClassVar[bool] = False
+
+    @abstractmethod
+    def transfer(self, *given: Any, **named: Any) -> Any:
+        """At separable frequencies: ``(fy, fx, wavelength)``, cycles/um and um, and ``prepared`` where ``prepare`` gives something."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Summed(Transfer):
+    """A transfer function that ends in a weighted sum over wavelength, as a pixel behind its filters does."""
+
+    @abstractmethod
+    def weights(self, prepared: Any) -> Any:
+        """(channel, wavelength)."""
+
+    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+        """Its error behind the stages that are joined before it."""
+        return self.error(facts, grid, precision)
+
+    def terms(self) -> int:
+        """Of an expansion of the sum, where it is to be taken before the transfer functions; 0: every band has its own."""
+        return 0
+
+    def passed(self, frequency: Any) -> Any:
+        """What of a radial frequency is left behind it, for the error of such an expansion."""
+        return 1.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Banded(Stage):
+    """A stage whose ``run`` may be given some of the bands."""
+
+    @abstractmethod
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        """What is prepared for these bands."""
+
+    def constants(self, prepared: Any) -> Mapping[str, Any]:
+        """Of a source: what it writes that has no place."""
+        return {}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bounded(Stage):
+    """A stage that may be left out where it does little: it reads and writes the same variable on the same grid."""
+
+    @abstractmethod
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        """How wrong leaving it out is, relative to full scale, and why; None where that is not known."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Probe(Stage):
+    """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
+
+    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
+    that stage (``etendue.run.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
+    Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
+    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it.
+    """
+
+    with_grids: ClassVar[bool] = False
+    beside: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Viewed(Stage):
+    """A stage whose pictures are meant for an eye that is adapted to a white of their own."""
+
+    @abstractmethod
+    def viewing_white(self) -> Any:
+        """XYZ of that white, or None where it is the display's."""
+
+
+CAPABILITIES = {
+    "describe": Source, "transfer": Transfer, "weights": Summed, "by_band": Banded, "negligible": Bounded,
+    "viewing_white": Viewed,
+}  # fmt: skip
+
+
+def check_class(kind: type[Stage]) -> None:
+    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where it is another."""
+    name, gain, creates, rate = kind.__name__, kind.gain, kind.creates, kind.nanoseconds
+    number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
+    if gain is not None and not number:
+        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
+    for attribute, word, allowed in (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip"))):
+        if word not in allowed:
+            raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
+    if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
+        raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
+    if not isinstance(creates, Mapping) or not all(isinstance(value, Line | Bands | Labels) for value in creates.values()):
+        raise TypeError(f"{name}.creates is {creates!r}; expected dims and their coordinates, such as {{'channel': RGB}}")
+    for method, base in CAPABILITIES.items():
+        own = inspect.getattr_static(kind, method, None)
+        if inspect.isfunction(own) and not issubclass(kind, base):
+            raise TypeError(f"{name} has {method}, as a {base.__name__} has, and is none: derive it from etendue.api.{base.__name__}")
+    lacking = sorted(method for method, base in CAPABILITIES.items() if issubclass(kind, base) and _abstract(kind, method))
+    if lacking:
+        raise TypeError(f"{name} has no {', '.join(lacking)}, which its bases ask for")
+    if kind.run is None and not is_transfer(kind):
+        raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
+        raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
+    own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
+    for attribute in ("run", "grid", "carry", "error", "prepare", "warn", "warn_among", "assumes", *own_methods):
+        own = inspect.getattr_static(kind, attribute, None)
+        if own is not None and not callable(own):
+            raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")
+
+
+def _abstract(kind: type[Stage], method: str) -> bool:
+    return bool(vars(inspect.getattr_static(kind, method)).get("__isabstractmethod__"))
+
+
+def is_source(kind: type[Stage]) -> bool:
+    return issubclass(kind, Source)
+
+
+def is_transfer(kind: type[Stage]) -> bool:
+    return issubclass(kind, Transfer)
+
+
+def ends_in_sum(kind: type[Stage]) -> bool:
+    return issubclass(kind, Summed)
+
+
+def moves_light(kind: type[Stage]) -> bool:
+    """Whether a stage changes the place of light in front of the sensor, and no transfer function says how."""
+    both = {d.variable for d in reads_of(kind).values()} & {d.variable for d in writes_of(kind).values()}
+    return "irradiance" in both and not is_transfer(kind) and not kind.pointwise
+
+
+def is_random(kind: type[Stage]) -> bool:
+    return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))

@@ -1,0 +1,71 @@
+"""What is allowed for one parameter of a stage: unit, range, choices, and what kind of thing it is.
+
+In:  keywords of ``param``.
+Out: the field of a dataclass.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+MISSING = dataclasses.MISSING
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What is allowed for one parameter, beside its type."""
+
+    units: str = "1"
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    at_most: float | None = None
+    choices: tuple[str, ...] | None = None
+    camera: bool = False
+    fidelity: bool = False
+    reference: str = ""
+    file: bool = False  # the path of a file
+    folder: bool = False  # of a file or a folder
+    table: bool = False  # a name, or the path of a CSV file
+    along: str = ""  # mapped over this dim, a stage has the label of its slice in the place of the value
+    held: tuple[float, float] | None = None  # ends beyond which its stages do not compute: the plan refuses, with the reason
+    length: int | None = None
+    one_for_all: bool = False  # a list that may be written as the one number in it
+    infinite: bool = False
+    doc: str = ""
+
+    def range_text(self) -> str:
+        """The allowed range in words, '' when everything is."""
+        parts = []
+        for word, limit in (("above", self.above), ("at least", self.at_least), ("below", self.below), ("at most", self.at_most)):
+            if limit is not None:
+                parts.append(f"{word} {limit:g}")
+        text = " and ".join(parts)
+        return f"{text} {self.units}".strip() if text and self.units not in ("1", "") else text
+
+    def shown_range(self) -> str:
+        """The range, and within which of it the stages compute."""
+        if self.held is None:
+            return self.range_text()
+        return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
+
+    def allows(self, value: float) -> bool:
+        return (
+            (self.above is None or value > self.above)
+            and (self.at_least is None or value >= self.at_least)
+            and (self.below is None or value < self.below)
+            and (self.at_most is None or value <= self.at_most)
+        )
+
+
+def param(default: Any = MISSING, **allowed: Any) -> Any:
+    """Declare a parameter of a stage: its default, unit, range and role (see ``Parameter``)."""
+    parameter = Parameter(**allowed)
+    if parameter.fidelity and not parameter.reference:
+        raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
+    return (
+        dataclasses.field(default=default, metadata={"parameter": parameter})
+        if default is not MISSING
+        else dataclasses.field(metadata={"parameter": parameter})
+    )

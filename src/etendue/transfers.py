@@ -1,0 +1,90 @@
+"""The product of the transfer functions of some stages: the one place where a stage's ``transfer`` is asked.
+
+In:  stages in the order of the light, wavelength bins, what each stage has prepared.
+Out: their product at separable frequencies, for all bands or some of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue.errors import PluginError
+from etendue.spec.capabilities import Summed, Transfer
+from etendue.spec.grid import Bands
+from etendue.spec.stage import Stage
+from etendue.telling import foreign
+
+EVERY = slice(None)
+
+
+def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
+    """What a stage prepares for wavelength bins, asked of it now."""
+    with foreign(f"{type(stage).__name__}.prepare"):
+        return stage.prepare({"wavelength_edges": np.array(edges), "wavelength": np.array(Bands(edges).values())})
+
+
+@dataclass(frozen=True)
+class Product:
+    """``stages`` one behind the other. ``prepared`` gives what a stage has prepared for the bins; nobody: it is asked now."""
+
+    stages: tuple[Transfer, ...]
+    edges: tuple[float, ...]
+    prepared: Callable[[Stage, tuple[float, ...]], Any] = field(default=alone, compare=False)
+
+    @cached_property
+    def wavelength(self) -> NDArray[np.float64]:
+        """(wavelength, 1, 1), um: the middle of every bin."""
+        return np.array(Bands(self.edges).values())[:, None, None] * 1e-3
+
+    @cached_property
+    def _prepared(self) -> list[Any]:
+        return [self.prepared(stage, self.edges) for stage in self.stages]
+
+    @property
+    def radial(self) -> bool:
+        """Whether every stage depends on the size of the frequency alone."""
+        return all(stage.radial for stage in self.stages)
+
+    def at(self, fy: NDArray[Any], fx: NDArray[Any], bands: slice = EVERY) -> Any:
+        """(wavelength or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 where there is no stage."""
+        wavelength = self.wavelength[bands]
+        product: Any = np.ones((1, 1, 1))
+        for stage, prepared in zip(self.stages, self._prepared, strict=True):
+            product = product * asked(stage, fy, fx, wavelength, prepared)
+        return product
+
+    def along(self, frequency: NDArray[Any]) -> Any:
+        """(wavelength, n) along x."""
+        found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
+        return np.broadcast_to(found, (self.wavelength.size, frequency.size))
+
+
+def asked(stage: Transfer, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    """``stage.transfer`` as (wavelength or 1, m, n) finite numbers that fit the frequencies, or an error that names the stage."""
+    name = f"{type(stage).__name__}.transfer"
+    with foreign(name):
+        given = (fy, fx, wavelength) if prepared is None else (fy, fx, wavelength, prepared)
+        found = np.asarray(stage.transfer(*given))
+    if found.dtype.kind not in "fiubc" or found.ndim > 3:
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (wavelength, y, x)")
+    shape = (np.size(wavelength), np.shape(fy)[0], np.shape(fx)[1])
+    if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
+        raise PluginError(f"{name} gave shape {found.shape}, but was asked for {shape}")
+    return found.reshape((1,) * (3 - found.ndim) + found.shape)
+
+
+def weights(stage: Summed, prepared: Any) -> Any:
+    """``stage.weights``: (channel, wavelength), read-only."""
+    name = f"{type(stage).__name__}.weights"
+    with foreign(name):
+        found = np.array(stage.weights(prepared))
+    if found.dtype.kind not in "fiub" or found.ndim != 2:
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, wavelength)")
+    found.flags.writeable = False
+    return found
