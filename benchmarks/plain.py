@@ -131,7 +131,7 @@ class Camera:
         linearised = self.cell("linearise", **at).stage.run(raw)
         linear, clipped = (linearised[name].astype(self.dtype) for name in ("mosaic_linear", "clipping_level"))
         rgb = self.run(self.cell("demosaic", **at), linear)["rgb_camera"]
-        rgb = self.cell("sharpen", **at).stage.run(rgb)["rgb_camera"]
+        rgb = self.cell("sharpen", **at).stage.run(rgb, [])["rgb_camera"]
         cell = self.cell("white", **at)
         white = cell.stage.run(whites[1], self.prepared(cell))["white"].astype(self.dtype)
         cell = self.cell("colour_fit", **at)

@@ -17,6 +17,7 @@ from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
 from etendue.run.jobs import Job
 from etendue.run.order import depth_first
+from etendue.run.ownership import as_it_was
 from etendue.run.segments import Result
 from etendue.spec.ports import CellReport
 
@@ -103,23 +104,24 @@ def run_batch(
     own = set(exports)
     reports, kept = [], {}
     clock: float | None = None
-    for number, job in enumerate(jobs):
-        began = time.thread_time() if clock is None else clock
-        if job.ref in doomed:
-            result, report = Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
-        else:
-            if at is not None:
-                at(number)
-            result, report = compute(job, results, began)
-        clock = None if (job.store and job.target) or elsewhere.seconds else began + report.seconds
-        results[job.ref] = result
-        reports.append(report)
-        if job.ref in deliver:
-            kept[job.ref] = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
-        for ref in job.needs:
-            readers[ref] -= 1
-            if readers[ref] == 0 and ref not in own:
-                results.pop(ref, None)
-        if not readers.get(job.ref) and job.ref not in own:
-            results.pop(job.ref, None)
+    with as_it_was():  # once a batch: asking for the working directory costs more than all else around a small cell
+        for number, job in enumerate(jobs):
+            began = time.thread_time() if clock is None else clock
+            if job.ref in doomed:
+                result, report = Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
+            else:
+                if at is not None:
+                    at(number)
+                result, report = compute(job, results, began)
+            clock = None if (job.store and job.target) or elsewhere.seconds else began + report.seconds
+            results[job.ref] = result
+            reports.append(report)
+            if job.ref in deliver:
+                kept[job.ref] = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+            for ref in job.needs:
+                readers[ref] -= 1
+                if readers[ref] == 0 and ref not in own:
+                    results.pop(ref, None)
+            if not readers.get(job.ref) and job.ref not in own:
+                results.pop(job.ref, None)
     return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)

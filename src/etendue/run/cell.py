@@ -21,7 +21,7 @@ from etendue.run.found import with_found
 from etendue.run.given import Clipped, arguments
 from etendue.run.jobs import Job
 from etendue.run.mapped import one_by_one
-from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
+from etendue.run.ownership import as_array, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
 from etendue.spec.capabilities import is_transfer
 from etendue.spec.ports import COUNTED, CellReport
@@ -107,16 +107,15 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             result, arrays = _load(job, results)
             result.arrays, result.lowest = arrays, _undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
-        with as_it_was():
-            result, arrays = _made(job, results, clipped)
-            seconds = time.thread_time() - began + elsewhere.seconds
-            written: tuple[Any, ...] = ()
-            if job.target and job.store:
-                given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
-                with refused_by_the_machine():
-                    written = job.target.write(given)
-                seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
-                arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
+        result, arrays = _made(job, results, clipped)
+        seconds = time.thread_time() - began + elsewhere.seconds
+        written: tuple[Any, ...] = ()
+        if job.target and job.store:
+            given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
+            with refused_by_the_machine():
+                written = job.target.write(given)
+            seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
+            arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
@@ -144,7 +143,7 @@ def in_words(error: BaseException) -> bool:
 def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
     """What the stage makes of what it reads, checked."""
     if job.mapped and not job.left_out:
-        arrays = one_by_one(job, results, clipped, _made)
+        arrays = one_by_one(job, results, clipped, check)
         return Result(lowest=_undefined(job, arrays)), arrays
     job = with_found(job, results)
     if is_transfer(type(job.stage)):

@@ -23,23 +23,31 @@ def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = (
     """The job with what was found; ``at``: the slice that is computed, of quantities that have a value for each."""
     if not job.awaited:
         return job
-    changed: dict[str, Any] = {}
-    if job.found:
-        changed["stage"] = _made_again(job.stage, job.found, results, job, at)
+    changed: dict[str, Any] = {"stage": stage_found(job, results, at), "seed": seed_found(job, results, at)}
     if job.found_by:
         pairs = zip(job.transfers, job.found_by, strict=True)
         changed["transfers"] = tuple(_made_again(stage, found, results, job, at) for stage, found in pairs)
     if job.found_before and job.joined:
         pairs = zip(job.joined, job.found_before, strict=True)
         changed["joined"] = tuple(_made_again(stage, found, results, job, at) for stage, found in pairs)
-    if job.open_words:
-        lines = set(job.seed.decode().split("\n")) - {""}
-        for word in job.open_words:
-            value = _value(results, word.ref, word.variable, job, at)
-            if value != word.default:
-                lines.add(line(word.stage, word.name, value))
-        changed["seed"] = seed_of(job.seed_number, job.ref[0], lines)
     return replace(job, found=(), found_by=(), found_before=(), open_words=(), **changed)
+
+
+def stage_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> Stage:
+    """The stage of a job with what was found for it, or for a slice of it."""
+    return _made_again(job.stage, job.found, results, job, at) if job.found else job.stage
+
+
+def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> bytes:
+    """The words of a job's random numbers, complete."""
+    if not job.open_words:
+        return job.seed
+    lines = set(job.seed.decode().split("\n")) - {""}
+    for word in job.open_words:
+        value = _value(results, word.ref, word.variable, job, at)
+        if value != word.default:
+            lines.add(line(word.stage, word.name, value))
+    return seed_of(job.seed_number, job.ref[0], lines)
 
 
 def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Stage:

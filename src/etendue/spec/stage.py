@@ -59,6 +59,7 @@ class Stage:
     ``nanoseconds``: what a value it writes costs, before it has ever been measured.
     ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
     may be multiplied as if it were not there.
+    ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to ``run`` at once.
     ``once``: physics that is met once on the way through the camera (``"diffraction"``, ``"fall-off"``): a second stage with the same
     on the way counts it twice, which the plan notes.
     """
@@ -74,6 +75,7 @@ class Stage:
     libraries: ClassVar[tuple[str, ...]] = ()
     nanoseconds: ClassVar[float] = 30.0
     pointwise: ClassVar[bool] = False
+    elementwise: ClassVar[bool] = False
     once: ClassVar[tuple[str, ...]] = ()
 
     @property

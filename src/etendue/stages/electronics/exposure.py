@@ -127,6 +127,7 @@ class FullWell(Bounded):
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
+    elementwise: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
     error: ClassVar = proved(6e-8, 1e-16)

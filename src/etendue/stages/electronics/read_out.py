@@ -129,6 +129,7 @@ class Adc(GainChain, Noisy):
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"raw": "y x [DN] uint16"}
     gain: ClassVar = None  # it clips, and rounds to whole codes
+    elementwise: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
 
@@ -172,6 +173,7 @@ class Linearise(KnownNoise, Scaled):
     reads: ClassVar = {"raw": "y x [DN] uint16"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None  # the black level is a part of full scale that disappears
+    elementwise: ClassVar = True
     nanoseconds: ClassVar = 2.0
     error: ClassVar = proved(6e-8, 2e-16)
 
