@@ -24,17 +24,22 @@ from etendue.stages.sensor.masks import mask_of
 UNCLIPPED = 1e30  # a level of clipping that no value reaches
 
 
-@dataclass(frozen=True, kw_only=True)
-class NoMask(Stage):
-    """Behind every pixel all filters at once: every channel at every pixel. Takes the place of ``mosaic``."""
+class _HandedOn(Stage):
+    """All planes as they are, under another name."""
 
     role: ClassVar = "reference"
-    reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
-    writes: ClassVar = {"photocurrent": "channel y x [electron/s]"}
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
     error: ClassVar = proved(0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoMask(_HandedOn):
+    """Behind every pixel all filters at once: every channel at every pixel. Takes the place of ``mosaic``."""
+
+    reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
+    writes: ClassVar = {"photocurrent": "channel y x [electron/s]"}
 
     crosstalk: str = quantity("crosstalk")
 
@@ -77,17 +82,11 @@ class IdealMosaic(GainChain):
         return {"mosaic_linear": np.minimum(found, kind(1)), "clipping_level": np.array(1.0)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class NoDemosaicing(Stage):
+class NoDemosaicing(_HandedOn):
     """Full planes, of which nothing has to be invented, as camera channels. Takes the place of a demosaicer behind ``no_mask``."""
 
-    role: ClassVar = "reference"
     reads: ClassVar = {"mosaic_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-    gain: ClassVar = 1.0
-    negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 1.0
-    error: ClassVar = proved(0.0)
 
     def run(self, mosaic_linear: Any) -> dict[str, Any]:
         return {"rgb_camera": mosaic_linear.copy()}
