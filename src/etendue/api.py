@@ -2,6 +2,7 @@
 
 from etendue.errors import EtendueError, Fault, PluginError, RequestError
 from etendue.hookspecs import hookimpl
+from etendue.labelled import labelled
 from etendue.spec.camera import quantity
 from etendue.spec.capabilities import Banded, Bounded, Probe, Source, Summed, Transfer, Viewed, moves_light
 from etendue.spec.facts import UNKNOWN, Facts
@@ -15,5 +16,5 @@ from etendue.spec.stated import fitted, measured, proved
 __all__ = [
     "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "Displaying", "EdgeScene", "EtendueError", "Facts", "Fault", "FlatScene",
     "Grid", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Scaled", "Source", "Stage", "Summed",
-    "Transfer", "Viewed", "ends", "fitted", "hookimpl", "measured", "moves_light", "param", "proved", "quantity",
+    "Transfer", "Viewed", "ends", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip

@@ -125,13 +125,13 @@ class Discovery:
         if broken in self._broken:
             raise PluginError(self._broken[broken])
         plugin = f"{origin} {point.value}"
-        module = self._manager.get_plugin(plugin)
-        if module is not None:
-            return module
+        known: ModuleType | None = self._manager.get_plugin(plugin)
+        if known is not None:
+            return known
         try:
             # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would break all.
             with foreign(f"{origin} cannot be read: its manifest {point.value}"):
-                module = point.load()
+                module: ModuleType = point.load()
                 if getattr(getattr(module, "__spec__", None), "_initializing", False):
                     return None
                 with self._lock:
@@ -211,4 +211,4 @@ def spectrum(name: str) -> str:
         path = ""
     if not path.endswith(".csv") or not os.path.isfile(path):
         raise ValueError(f"the spectrum {name!r} of {brought[0].origin} has no CSV file: {brought[0].value!r}")
-    return path
+    return str(path)

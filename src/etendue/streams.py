@@ -33,11 +33,11 @@ def plugins_on_stderr() -> Iterator[None]:
         before.flush()
         _State.kept = os.dup(1)
         os.dup2(2, 1)
-    sys.stdout, warnings.showwarning = sys.stderr, show_warning  # type: ignore[assignment]
+    sys.stdout, warnings.showwarning = sys.stderr, show_warning
     try:
         yield
     finally:
-        sys.stdout, warnings.showwarning = before, shown  # type: ignore[assignment]
+        sys.stdout, warnings.showwarning = before, shown
         if _State.kept is not None:
             _flush_c()
             os.dup2(_State.kept, 1)

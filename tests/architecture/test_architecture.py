@@ -40,6 +40,12 @@ def test_no_file_is_named_after_nothing():
     assert not names & {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
 
 
+def test_the_types_of_the_package_are_there_for_who_imports_it():
+    """Without ``py.typed`` a type checker takes everything of an installed package for Any."""
+    assert (PACKAGE / "py.typed").read_text() == ""
+    assert PROJECT["tool"]["mypy"]["strict"] is True
+
+
 def modules():
     return [path for path in sorted(PACKAGE.rglob("*.py")) if path.read_text().strip()]
 
@@ -51,15 +57,47 @@ def test_a_file_starts_by_saying_what_it_is_about(path):
 
 def test_no_import_stands_in_a_function_to_break_a_circle():
     """An import of ours inside a function is there to save time at start; the doors of the house are the only places."""
-    late = {"cli.py", "__init__.py", "__main__.py", "session.py", "testing.py"}
+    late = {"__init__.py", "__main__.py", "session.py", "testing.py"}
     found = []
     for path in modules():
-        if str(path.relative_to(PACKAGE)) in late or path.parent.name == "studies":
+        if str(path.relative_to(PACKAGE)) in late or path.parent.name in ("cli", "studies"):
             continue
         for function in ast.walk(ast.parse(path.read_text())):
             if isinstance(function, ast.FunctionDef):
                 imports = [n.module or "" for n in ast.walk(function) if isinstance(n, ast.ImportFrom)]
                 found += [f"{path.relative_to(PACKAGE)}:{function.name} {name}" for name in imports if name.startswith("etendue")]
+    assert found == []
+
+
+def test_the_house_stands_as_it_is_drawn_for_who_contributes():
+    """Every room and every wing is named, and what is named is there."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    drawn = set(re.findall(r"[a-z_]+", text.split("## The house")[1].split("## A change")[0]))
+    rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith(("_", "py.typed"))} - {"data"}
+    wings = {path.name for room in ("physics", "stages") for path in (PACKAGE / room).iterdir() if (path / "__init__.py").is_file()}
+    assert rooms | wings <= drawn
+    paths = [path for path in re.findall(r"`([a-z_]+/[\w./-]*)`", text) if path.split("/")[0] not in ("docs", "benchmarks", "plugins")]
+    assert len(paths) > 20
+    assert [path for path in paths if not (PACKAGE / path).exists()] == []
+
+
+def test_every_import_that_the_documents_show_is_there():
+    texts = [path.read_text() for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))]
+    shown = [line for text in texts for line in re.findall(r"^ *(from etendue[\w.]* import [\w, ]+)$", text, flags=re.M)]
+    assert len(shown) > 8
+    for line in shown:
+        exec(line.strip(), {})
+
+
+def test_no_law_hangs_on_a_clock():
+    """Speed is measured in ``benchmarks``: how fast a machine is at the moment is no property of the code."""
+    clocks = {"time", "perf_counter", "process_time", "thread_time", "monotonic"}
+    found = []
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Assert):
+                called = {n.func.attr for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)}
+                found += [f"{path.name}:{node.lineno}" for _ in called & clocks]
     assert found == []
 
 

@@ -44,7 +44,7 @@ SLOWLY = (
     FINELY
     + """
 import time
-from etendue.physics import cfa
+from etendue.physics.sensor import cfa
 picked = cfa.pick
 
 def pick(*arguments):
@@ -94,6 +94,7 @@ def wait_for(condition, process=None, seconds=60):
     raise AssertionError("waited in vain")
 
 
+@pytest.mark.long
 def test_a_run_killed_at_random_instants_is_finished_by_the_next(whole, tmp_path):
     """A kill may hit anything: imports, creation of arrays, chunks, journal, tables, consolidation."""
     place, seconds = whole
@@ -128,6 +129,7 @@ def test_a_run_killed_at_random_instants_is_finished_by_the_next(whole, tmp_path
     print(died)
 
 
+@pytest.mark.long
 def test_a_run_killed_at_every_stage_of_its_journal_is_finished_by_the_next(whole, tmp_path):
     """Kills aimed by progress, not by time: after so many finished cells."""
     place, _ = whole
@@ -174,7 +176,7 @@ def run_until(place, archive, die_after, *arguments):
     assert done.returncode == 9, done.stderr
 
 
-@pytest.mark.parametrize("die_after", [0, 60, 150])
+@pytest.mark.parametrize("die_after", [60, *(pytest.param(n, marks=pytest.mark.long) for n in (0, 150))])
 def test_killed_between_rename_and_journal_line(whole, tmp_path, die_after):
     place, _ = whole
     run_until(place, tmp_path / "a", die_after)
@@ -182,6 +184,7 @@ def test_killed_between_rename_and_journal_line(whole, tmp_path, die_after):
     assert_same_archives(tmp_path / "a", place / "whole")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("die_after", [0, 40])
 def test_killed_with_another_parameter_and_put_back(whole, tmp_path, die_after):
     """Chunks of the other parameter stand in their places, and no journal line says so."""
@@ -199,8 +202,8 @@ def test_killed_with_another_parameter_and_put_back(whole, tmp_path, die_after):
     assert_same_archives(archive, place / "whole")
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("scheduler", ["serial", "threads", "processes"])
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.long)])
+@pytest.mark.parametrize("scheduler", ["threads", *(pytest.param(name, marks=pytest.mark.long) for name in ("serial", "processes"))])
 def test_an_interrupted_run_ends_in_order_and_can_be_looked_at_and_resumed(whole, tmp_path, sent, code, scheduler):
     place, _ = whole
     archive = tmp_path / "a"

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from etendue.archive import inputs
 from etendue.archive.inputs import copy_inputs, resolve_pipeline
 from etendue.archive.layout import cell_name
-from etendue.cli import _overrides, main
+from etendue.cli import main
+from etendue.cli.options import Given
 from etendue.errors import RequestError
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
@@ -89,10 +90,10 @@ def plan_from(path, words):
             options[name] += [word] if word == "--nothing-left-out" else []
         else:
             options[name].append(word)
-    overrides = _overrides(
-        tuple(options["--set"]), tuple(options["--sweep"]), tuple(options["--want"]), next(iter(options["--tolerance"]), None)
+    given = Given(
+        path, tuple(options["--set"]), tuple(options["--sweep"]), tuple(options["--want"]), next(iter(options["--tolerance"]), None)
     )
-    return make_plan(read_pipeline(path, overrides), installed_stages(), not options["--nothing-left-out"])
+    return make_plan(given.pipeline(), installed_stages(), not options["--nothing-left-out"])
 
 
 def assert_same_plan(first, second):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import time
 
 import numpy as np
 import pytest
@@ -123,14 +122,13 @@ def test_a_link_in_a_store_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("shape", "words"), [([10**6, 10**6, 10**6], "values"), ([4, 10**6, 1000], "chunks"), ([4, 10**9, 1], "points along y")]
 )
-def test_an_absurd_header_is_refused_at_once(tmp_path, shape, words):
+def test_an_absurd_header_is_refused_before_anything_is_read(tmp_path, shape, words, monkeypatch):
     path = stored(tmp_path / "cube.zarr")
     header = path / "radiance" / "zarr.json"
     header.write_text(json.dumps({**json.loads(header.read_text()), "shape": shape}))
-    began = time.process_time()
+    monkeypatch.setattr(zarr.Array, "__getitem__", lambda *_: pytest.fail("it was read"))
     with pytest.raises(ValueError, match=f"{words}, more than"):
         read(path)
-    assert time.process_time() - began < 1
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b"\xff\xfe", b"[]", b'{"zarr_format": 3}'])

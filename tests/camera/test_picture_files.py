@@ -2,13 +2,12 @@
 
 import re
 import struct
-import time
 import zlib
 
 import numpy as np
 import pytest
 import tifffile
-from PIL import Image, ImageOps
+from PIL import Image, ImageFile, ImageOps
 
 from etendue.physics.colour.encoding import srgb_encode
 from etendue.registry import installed_stages
@@ -150,16 +149,15 @@ def test_what_cannot_be_read_as_it_is_is_refused_in_one_line(tmp_path):
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(8000, 10000), (32768, 32768)])
-def test_a_picture_that_unfolds_is_refused_before_it_does(tmp_path, rows, columns):
+def test_a_picture_that_unfolds_is_refused_before_it_does(tmp_path, rows, columns, monkeypatch):
     """80 million and 1 thousand million pixels of one colour, in files of some 10 and 100 kB: Pillow itself stops at 179 million."""
     header = struct.pack(">IIBBBBB", columns, rows, 1, 0, 0, 0, 0)
     body = zlib.compress(bytes(rows * (1 + columns // 8)), 9)
     path = tmp_path / "bomb.png"
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b""))
-    began = time.process_time()
+    monkeypatch.setattr(ImageFile.ImageFile, "load", lambda self: pytest.fail("it was unfolded"))
     with pytest.raises(ValueError, match=re.escape(f"pixels, more than the {MOST_PIXELS:.3g}")):
         read_picture(str(path))
-    assert time.process_time() - began < 1
 
 
 def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):

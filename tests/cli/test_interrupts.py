@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -53,6 +52,7 @@ def test_a_signal_while_anything_is_imported_is_answered_in_one_line(tmp_path):
         assert out == ""
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="needs /proc")
 def test_a_run_interrupted_at_some_instants_leaves_nothing_and_is_mended(tmp_path):
     """The driver of the benchmark, once; the signal comes twice, as of an impatient hand."""
@@ -84,10 +84,8 @@ def test_a_stage_that_hangs_in_a_thread_does_not_hold_ctrl_c_up(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     assert process.stderr.readline() == "asleep\n"
-    began = time.monotonic()
     process.send_signal(signal.SIGINT)
-    out, said = process.communicate(timeout=60)
-    assert time.monotonic() - began < 20  # 3 s of grace and the closing, on a busy machine
+    out, said = process.communicate(timeout=60)  # a tenth of what the stage sleeps
     assert (process.returncode, out, said) == (130, "", interrupts.INTACT + "\n")
     assert (tmp_path / "a" / "run.id").read_text() == "abandoned"  # what still sleeps in the stage could write no more
 

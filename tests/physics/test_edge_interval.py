@@ -26,7 +26,7 @@ def noise(seed, snr, shape=(120, 160)):
     return np.random.default_rng(seed).normal(0, 0.6 / snr, shape)
 
 
-@pytest.mark.parametrize(("angle", "snr"), [(2, 100), (5, 10), (40, 30)])
+@pytest.mark.parametrize(("angle", "snr"), [(5, 10), *(pytest.param(*at, marks=pytest.mark.long) for at in ((2, 100), (40, 30)))])
 def test_the_truth_lies_in_the_interval_as_often_as_it_says(angle, snr):
     """Of 50 pictures with an interval of 95 %, 42 to 50: a binomial leaves that once in 100 times where 92 % hold.
 
@@ -52,6 +52,7 @@ def _width(found):
     return found.mtf50_high - found.mtf50_low
 
 
+@pytest.mark.long
 def test_noise_that_hangs_together_over_rows_is_seen_and_allowed_for():
     """Means of 3 x 3: a third of the interval would be missing if rows were taken for independent."""
     clean = picture()

@@ -188,6 +188,7 @@ def test_the_cheaper_method_is_chosen_and_the_other_one_told():
     assert weak.count <= 6
 
 
+@pytest.mark.long
 def test_more_terms_and_more_tiles_are_never_worse_and_tiles_converge_with_the_square():
     y, x = line(100, 70.0), line(100, 60.0)  # off the axis, between heights of the bank
     pictures = bank(1.0, 200.0)

@@ -7,6 +7,7 @@ from scipy.special import ive
 
 from etendue.physics.resolution.siemens import star_response
 from etendue.physics.scene import charts
+from etendue.physics.scene.charts import Drawn
 
 CENTRE = (150.3, 154.8)
 FIFTY = np.sqrt(np.log(2) / 2) / np.pi  # MTF50 of a Gaussian of 1 pixel rms
@@ -53,7 +54,7 @@ def test_without_its_contrast_the_outer_rings_say_it():
 def test_the_chart_that_the_scene_draws_can_be_measured():
     """Its softness is a Gaussian by local frequency: 1/cycles^2 from the exact convolution."""
     y, x = np.arange(300) - CENTRE[0], np.arange(311) - CENTRE[1]
-    image = charts.siemens_star(y, x, 72, 145.0, 0.1, 0.9, 0.6)
+    image = charts.siemens_star(y, x, 72, 145.0, Drawn(0.6, low=0.1, high=0.9))
     found = star_response(image, 72, 145.0, centre=CENTRE, contrast=0.8)
     assert_allclose(found.mtf50, FIFTY / 0.6, rtol=1e-3)
 

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from contextlib import contextmanager
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -169,22 +170,35 @@ def test_a_file_that_is_overwritten_between_two_runs_of_one_process_is_read_agai
 # -- code -------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def code(tmp_path, monkeypatch):
-    """Digests of the code of all built-in stages, found in a copy of the package that a test may edit."""
-    package = tmp_path / "etendue"
+@pytest.fixture(scope="module")
+def code(tmp_path_factory):
+    """A copy of the package that a test may edit: its folder, a way to the digests of all built-in stages, and those unedited."""
+    package = tmp_path_factory.mktemp("code") / "etendue"
     shutil.copytree(keys.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-    monkeypatch.setattr(keys, "PACKAGE", package)
     caches = [f for f in vars(keys).values() if hasattr(f, "cache_clear")]
 
     def digests():
-        for cached in caches:
-            cached.cache_clear()
-        return {name: keys.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(keys, "PACKAGE", package)
+            for cached in caches:
+                cached.cache_clear()
+            try:
+                return {name: keys.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+            finally:
+                for cached in caches:
+                    cached.cache_clear()
 
-    yield package, digests
-    for cached in caches:
-        cached.cache_clear()
+    return package, digests, digests()
+
+
+@contextmanager
+def edited_files(*paths):
+    texts = [path.read_text() for path in paths]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text + "\n# edited\n")
+    yield
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text)
 
 
 MODULES = {
@@ -225,32 +239,25 @@ MODULES = {
     ],
 )
 def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(code, edited, must, must_not):
-    package, digests = code
-    before = digests()
-    path = package / edited
-    path.write_text(path.read_text() + "\n# edited\n")
-    after = digests()
+    package, digests, before = code
+    with edited_files(package / edited):
+        after = digests()
     seen = {name for name in BUILT_IN if before[name] != after[name]}
     assert must <= seen
     assert not must_not & seen
 
 
-@pytest.mark.parametrize(
-    "edited", ["report/tables.py", "run/parallel.py", "archive/store.py", "cli.py", "plan/graph.py", "session.py", "registry.py"]
-)
-def test_an_edited_report_or_engine_changes_no_key(code, edited):
-    package, digests = code
-    before = digests()
-    path = package / edited
-    path.write_text(path.read_text() + "\n# edited\n")
-    assert digests() == before
+def test_an_edited_report_or_engine_changes_no_key(code):
+    package, digests, before = code
+    names = ("report/tables.py", "run/parallel.py", "archive/store.py", "cli/program.py", "plan/graph.py", "session.py", "registry.py")
+    with edited_files(*(package / name for name in names)):
+        assert digests() == before
 
 
 def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
-    _, digests = code
-    copied = digests()
+    copied = code[2]
     assert len(set(copied.values())) > 5
-    assert copied == digests()
+    assert copied == {name: keys.code_digest(installed_stages().load(name)) for name in BUILT_IN}
 
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -76,6 +76,14 @@ def first(place):
     return done, json.loads(done.stdout)
 
 
+@pytest.fixture(scope="module")
+def fresh(place):
+    """An archive of the same pipeline in which nothing failed."""
+    done = etendue(place, "run", place / "small.toml", "--archive", place / "fresh", "--json", picky="")
+    assert done.returncode == 0, done.stderr
+    return place / "fresh"
+
+
 def test_the_run_ends_with_exit_code_3_and_names_the_failed_cells(first):
     done, document = first
     assert done.returncode == 3, done.stderr
@@ -116,6 +124,7 @@ def test_arrays_of_cells_without_a_result_read_as_missing(first, place):
 
 
 def test_the_printed_command_repeats_the_failed_cell_alone(first, place):
+    shutil.copytree(place / "a", place / "b")
     shown = etendue(place, "run", place / "small.toml", "--archive", place / "b", "--quiet")
     assert shown.returncode == 3
     line = next(line for line in shown.stdout.splitlines() if "again, alone:" in line)
@@ -130,7 +139,7 @@ def test_the_printed_command_repeats_the_failed_cell_alone(first, place):
     assert mended.returncode == 0
 
 
-def test_the_next_run_computes_only_what_failed_or_was_skipped(first, place):
+def test_the_next_run_computes_only_what_failed_or_was_skipped(first, fresh, place):
     again = etendue(place, "run", place / "small.toml", "--archive", place / "a", "--json")
     assert again.returncode == 3
     document = json.loads(again.stdout)
@@ -142,13 +151,11 @@ def test_the_next_run_computes_only_what_failed_or_was_skipped(first, place):
     assert stages["picky"] == 2
     assert all(stages[name] == 4 for name in BEHIND)
     assert sum(stages.values()) == 2 + 4 * len(BEHIND)
-    fresh = etendue(place, "run", place / "small.toml", "--archive", place / "fresh", "--json", picky="")
-    assert fresh.returncode == 0
-    assert_same_archives(place / "mended", place / "fresh")
+    assert_same_archives(place / "mended", fresh)
 
 
-def test_a_cell_that_fails_keeps_no_result_of_an_earlier_run(place):
-    etendue(place, "run", place / "small.toml", "--archive", place / "c", "--json", picky="")
+def test_a_cell_that_fails_keeps_no_result_of_an_earlier_run(fresh, place):
+    shutil.copytree(fresh, place / "c")
     failed = etendue(place, "run", place / "small.toml", "--archive", place / "c", "--recompute", "--json")
     assert failed.returncode == 3
     with xarray.open_datatree(place / "c" / "data.zarr", engine="zarr", chunks=None) as tree:
@@ -156,7 +163,7 @@ def test_a_cell_that_fails_keeps_no_result_of_an_earlier_run(place):
         assert np.isnan(tree["exposure/32x32/expected_charge"].sel(f_number=5.6).values).all()
 
 
-@pytest.mark.parametrize("scheduler", ["serial", "threads", "processes"])
+@pytest.mark.parametrize("scheduler", [*(pytest.param(name, marks=pytest.mark.long) for name in ("serial", "threads")), "processes"])
 def test_every_scheduler_records_the_same_failures(first, place, scheduler):
     folder = place / scheduler
     done = etendue(place, "run", place / "small.toml", "--archive", folder, "--scheduler", scheduler, "--workers", 2, "--json")

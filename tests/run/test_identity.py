@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
+from functools import cache
 
 import pytest
 
@@ -112,15 +114,28 @@ KEPT = {
 }
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    """An archive of what is kept, made once: (plan, folder)."""
+
+    @cache
+    def made(precision, kept):
+        keep = {"keep": KEPT[kept]} if KEPT[kept] else {}
+        plan = plan_of({"sweep.f_number": [2, 5.6], "sweep.integration_time": ["2 ms", "8 ms"], "precision": precision, **keep})
+        folder = tmp_path_factory.mktemp("uninterrupted") / "whole"
+        run(plan, folder)
+        return plan, folder
+
+    return made
+
+
+@pytest.mark.parametrize("precision", ["float32", pytest.param("float64", marks=pytest.mark.long)])
 @pytest.mark.parametrize("kept", KEPT)
 @pytest.mark.parametrize("damage", ["journal", "chunks"])
-def test_a_resumed_archive_equals_an_uninterrupted_one(tmp_path, precision, kept, damage):
-    keep = {"keep": KEPT[kept]} if KEPT[kept] else {}
-    plan = plan_of({"sweep.f_number": [2, 5.6], "sweep.integration_time": ["2 ms", "8 ms"], "precision": precision, **keep})
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    run(plan, whole)
-    run(plan, broken)
+def test_a_resumed_archive_equals_an_uninterrupted_one(uninterrupted, tmp_path, precision, kept, damage):
+    plan, whole = uninterrupted(precision, kept)
+    broken = tmp_path / "broken"
+    shutil.copytree(whole, broken)
     lost = _lose(broken, damage, random.Random(f"{precision} {kept}"))
     again = run(plan, broken, scheduler="threads", workers=2, batch_seconds=0.0)
     assert 0 < again.computed < len(plan.cells) or kept != "all"

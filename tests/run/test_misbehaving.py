@@ -75,7 +75,7 @@ def check(place, done, archive, fails, fine):
     assert not list((place / archive).rglob("*.partial"))
 
 
-@pytest.mark.parametrize("scheduler", ["serial", "threads", "processes"])
+@pytest.mark.parametrize("scheduler", [pytest.param("serial", marks=pytest.mark.long), "threads", "processes"])
 def test_a_stage_that_breaks_off_ends_its_cell_alone(place, scheduler):
     fails = {**{how: words for how, (_, words) in FAILS.items()}, **SHAPES}
     assert set(SHAPES) == set(WHOLE)

@@ -16,7 +16,8 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from etendue.cli import _number, main
+from etendue.cli import main
+from etendue.cli.options import number
 from etendue.physics.colour import difference
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.report.crops import Strip, strip, where_most
@@ -116,7 +117,7 @@ def pipeline(*replaced, **changes):
 
 
 def rows_of(axis, found=None, expected=False, edges=False, **changes):
-    result = compare(found or pipeline(**changes), parse_axis(axis, _number), 1, expected, SERIAL, edges=edges)
+    result = compare(found or pipeline(**changes), parse_axis(axis, number), 1, expected, SERIAL, edges=edges)
     return {row.label: row for row in result.rows}, result
 
 
@@ -601,7 +602,7 @@ def test_a_pipeline_without_pixels_is_refused_with_what_is_lacking(run, tmp_path
     ],
 )
 def test_an_axis_is_read_as_it_would_stand_in_a_file(text, values):
-    assert parse_axis(text, _number) == Asked(text.partition("=")[0], values)
+    assert parse_axis(text, number) == Asked(text.partition("=")[0], values)
 
 
 def test_document_says_inf_where_there_is_no_end(registry):
@@ -639,7 +640,7 @@ def test_the_documentation_has_examples():
 @pytest.mark.parametrize("axis", written_axes())
 def test_every_axis_of_the_documentation_can_be_asked_for(axis):
     with pytest.raises(Planned):
-        compare(pipeline(), parse_axis(axis, _number), options=SERIAL, ready=planned)
+        compare(pipeline(), parse_axis(axis, number), options=SERIAL, ready=planned)
 
 
 def test_the_python_of_the_documentation_runs(tmp_path, monkeypatch, capsys):

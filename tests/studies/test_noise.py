@@ -115,6 +115,7 @@ def test_each_source_of_noise_is_counted(settings, prnu):
         assert abs(found - expected) < 4 * error + 0.01 * expected
 
 
+@pytest.mark.long
 def test_what_is_measured_in_a_small_window_is_not_too_little():
     """64 x 64 pixels: a quarter has 256, of which a trend of 15 terms takes 6 %. Sixty frames know a deviation to 0.6 %."""
     report = measured("demosaic_bilinear", "", 256, frames=60)

@@ -28,7 +28,7 @@ def encode(array: Any) -> bytes:
     """One chunk: little-endian bytes, blosc (lz4, bitshuffle), crc32c."""
     array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
     body = blosc.compress(array.reshape(-1), CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.dtype.itemsize)
-    return bytes(body) + np.uint32(google_crc32c.value(bytes(body))).astype("<u4").tobytes()
+    return bytes(body) + int(google_crc32c.value(bytes(body))).to_bytes(4, "little")
 
 
 def decode(data: bytes, dtype: str, shape: tuple[int, ...]) -> Any:

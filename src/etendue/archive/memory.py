@@ -1,35 +1,74 @@
 """The same tree without an archive: results in memory as an ``xarray.DataTree``.
 
-In:  the layout of a plan and the arrays of its cells.
+In:  a plan and the arrays of its cells.
 Out: what ``xarray.open_datatree`` gives for the archive of the same plan.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, layout_of
-from etendue.plan.model import CellRef, Plan
+from etendue.plan.model import Cell, CellRef, Plan
+from etendue.plan.resume import Work
+from etendue.spec.ports import CellReport, Sheet
 
 
-class MemoryArchive:
-    """Arrays of a whole sweep, filled cell by cell as they are computed."""
+class MemoryKeeper:
+    """Arrays of a whole sweep, filled cell by cell as they are computed. Nothing is there from an earlier run."""
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan, self.layout = plan, layout_of(plan)
+    folder: Path | None = None
+    keeps_arrays = True
+
+    def __init__(self, pictures: bool = True) -> None:
+        self.draws = pictures
         self.whole: dict[tuple[str, str], Any] = {}
         self.missing: dict[tuple[str, str], Any] = {}
+        self.status: dict[CellRef, str] = {}
+
+    def __enter__(self) -> MemoryKeeper:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def begin(self, asked: Plan) -> Work:
+        """Make room for all that is kept."""
+        self.plan, self.layout = asked, layout_of(asked)
         for path, group in self.layout.groups.items():
             sizes = tuple(len(values) for values in group.axes.values())
             for variable in group.variables.values():
                 self.whole[path, variable.name] = np.empty((*sizes, *variable.shape), dtype=variable.dtype)
                 self.missing[path, variable.name] = np.ones(sizes, dtype=bool)
+        return Work(asked, {ref: ref for ref in asked.cells}, set(asked.cells))
 
-    def put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    def target(self, cell: Cell) -> None: ...
+
+    def starting(self, refs: Iterable[CellRef]) -> None: ...
+
+    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        self.status.update({(r.stage, r.index): r.status for r in reports})
+        return {ref: self._put(ref, found) for ref, found in arrays.items()}
+
+    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
+        return {}
+
+    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+        return {}
+
+    def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
+        return True
+
+    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
+
+    def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
+        return self._tree({**tables, "frames": sheet.table} if sheet else tables), []
+
+    def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
         """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they came)."""
         path = self.layout.home.get(ref)
         placed = {}
@@ -44,7 +83,7 @@ class MemoryArchive:
             placed[name] = whole[index]
         return placed
 
-    def _dataset(self, path: str, layout: GroupLayout, status: Mapping[CellRef, str]) -> xarray.Dataset:
+    def _dataset(self, path: str, layout: GroupLayout) -> xarray.Dataset:
         sizes = tuple(len(values) for values in layout.axes.values())
         data: dict[str, Any] = {}
         for variable in layout.variables.values():
@@ -54,8 +93,8 @@ class MemoryArchive:
             data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
         flags = np.full(sizes, STATUS.index("not_computed"), np.uint8)
         for ref, index in layout.cells.items():
-            if ref in status:
-                flags[index] = STATUS.index(status[ref])
+            if ref in self.status:
+                flags[index] = STATUS.index(self.status[ref])
         data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
         coordinates = {  # a variable named like its own axis stands in the place of the axis values, as in the store
             name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
@@ -64,10 +103,10 @@ class MemoryArchive:
             data[BOUNDS] = coordinates.pop(BOUNDS)
         return xarray.Dataset(data, coordinates, layout.attrs)
 
-    def tree(self, status: Mapping[CellRef, str], tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
+    def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
         """Groups by stage, with ledger, summary and frames beside them."""
         groups: dict[str, xarray.Dataset] = {node: xarray.Dataset(attrs=attrs) for node, attrs in self.layout.parents.items()}
-        groups |= {path: self._dataset(path, group, status) for path, group in self.layout.groups.items()}
+        groups |= {path: self._dataset(path, group) for path, group in self.layout.groups.items()}
         for name, table in tables.items():
             columns = {column: (dims, np.asarray(values), attrs) for column, (dims, values, attrs) in table["arrays"].items()}
             groups[name] = xarray.Dataset(columns, attrs=table.get("attrs", {}))

@@ -212,7 +212,7 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
 
 def white_level(shelf: Shelf, frame: Frame) -> int:
     """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips there."""
-    top = 2 ** int(shelf.parameter(frame, "bits")) - 1
+    top: int = 2 ** int(shelf.parameter(frame, "bits")) - 1
     if not any(FULL_WELL in shelf.roles(stage) for stage in shelf.record["nodes"]):
         return top
     well, gain, chain = ([shelf.parameter(frame, name) for name in names] for names in (WELL, GAIN, ("conversion_gain", "black_level")))
@@ -238,7 +238,7 @@ def _writer(shelf: Shelf, job: _Job) -> Callable[[Path], None]:
 
 def _is_srgb(shelf: Shelf, frame: Frame) -> bool:
     shown: dict[str, Any] = {k: v for node in shelf.record["nodes"].values() for k, v in node["shown"].items() if k == "display"}
-    return shelf.parameter(frame, "encoding") == "sRGB" and shown.get("display", "sRGB") == "sRGB"
+    return str(shelf.parameter(frame, "encoding")) == "sRGB" and shown.get("display", "sRGB") == "sRGB"
 
 
 def _software() -> str:
@@ -247,4 +247,4 @@ def _software() -> str:
 
 def _when(shelf: Shelf) -> str:
     """When the run began, as TIFF writes it: two exports of an archive are the same file."""
-    return shelf.record["began"].replace("-", ":").replace("T", " ").rstrip("Z")
+    return str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")

@@ -91,7 +91,8 @@ def _facts(stage: Stage, method: str, found: Any) -> Facts:
     )
     if not fine or found.uniform not in (None, True, False):
         raise _nonsense(stage, method, found, "Facts of numbers, None where something is not known")
-    return found
+    facts: Facts = found
+    return facts
 
 
 def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:

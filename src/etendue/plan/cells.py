@@ -252,6 +252,7 @@ class _Expansion:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
+        beside = node.kind.beside if issubclass(node.kind, Probe) else ()
         names = {name for port, _, own in node.looks_at for name in own if port not in beside}
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 

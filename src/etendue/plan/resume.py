@@ -1,19 +1,37 @@
 """What of a plan is left to do, given what an archive holds.
 
 In:  a plan, the axis values an archive has, the cells that are finished.
-Out: the plan over all those values, and the cells to compute.
+Out: the plan over all those values, and the cells to compute (``Work``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
 from etendue.registry import installed_stages
+
+
+@dataclass
+class Work:
+    """What is left to do of what was asked for.
+
+    ``plan`` is over the axis values of earlier runs as well; ``cells`` has each cell of what was asked for in it.
+    """
+
+    plan: Plan
+    cells: Mapping[CellRef, CellRef]
+    todo: set[CellRef]
+    reused: set[CellRef] = field(default_factory=set)
+    reasons: dict[str, str] = field(default_factory=dict)  # by stage: why it is computed again
+    removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
+    pruned: int = 0  # finished cells removed because it was asked for
+    stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
+    mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
 
 
 def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()) -> Plan:

@@ -24,6 +24,7 @@ from etendue.physics.scene.resampling import area_weights
 from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.capabilities import Viewed
+from etendue.spec.ports import Sheet
 from etendue.spec.variables import Variable
 from etendue.spec.variables import variable as known
 
@@ -146,6 +147,14 @@ def _fitted(picture: Any) -> Any:
     down = area_weights(y, max(1, round(y * scale))).astype(picture.dtype)
     across = area_weights(x, max(1, round(x * scale))).T.astype(picture.dtype)
     return down @ picture @ across
+
+
+def sheet(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Mapping[str, Any]], at: str) -> Sheet | None:
+    """The pictures of the shown cells, which stand at the axis values ``at``; None where there is nothing to be seen."""
+    frames = render(plan, shown, arrays)
+    if not frames:
+        return None
+    return Sheet(frames_table(frames), lambda path: contact_sheet(frames, path, f"{plan.pipeline.name}{at}"), tuple(shown.values()), at)
 
 
 def frames_table(frames: list[Frame]) -> dict[str, Any]:

@@ -122,9 +122,9 @@ def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: st
     place = figure.add_axes(((4 * GAP + 3 * wide) / width, foot / height, 14 / width, high / height))
     figure.colorbar(image, cax=place)
     place.tick_params(labelsize=8)
-    picture = BytesIO()
-    figure.savefig(picture, format="png")
-    return picture.getvalue()
+    file = BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 def _known(value: Any) -> bool:

@@ -63,7 +63,7 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
                 p.label, (p.seconds, p.error), (right, up), textcoords="offset points", ha=side, fontsize=8,
                 color="black" if p.best else "#555555",
             )  # fmt: skip
-            box = text.get_window_extent(canvas.get_renderer())
+            box = text.get_window_extent(canvas.get_renderer())  # type: ignore[no-untyped-call]
             free = not any(box.overlaps(other) for other in boxes) and not any(box.contains(*place) for place in taken)
             within = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0 and box.y1 <= axes.bbox.y1
             if (free and within) or number == len(AROUND) - 1:

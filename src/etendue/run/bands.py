@@ -144,7 +144,8 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
             cut = np.maximum(cut, 0)
         known[port] = cut if isinstance(cut, Banded) else frozen(cut)
     with foreign(f"{type(stage).__name__}.run"):
-        return stage.run(**{name: for_reading(known[name]) for name in arguments_of(type(stage))})
+        found: Mapping[str, Any] = stage.run(**{name: for_reading(known[name]) for name in arguments_of(type(stage))})
+        return found
 
 
 def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -79,5 +79,5 @@ def _threaded(batches: list[Batch], deliver: frozenset[CellRef], before: Any, af
             after(numbers[key], value)
 
     # A pool of our own: an interrupted run waits for the batches under way before the archive is let go.
-    with Callback(pretask=started, posttask=ended), ThreadPoolExecutor(workers) as pool:
+    with Callback(pretask=started, posttask=ended), ThreadPoolExecutor(workers) as pool:  # type: ignore[no-untyped-call]
         dask.threaded.get(graph, ends, pool=pool)

@@ -62,7 +62,8 @@ class CellTransfer:
 
     def reach(self, band: int) -> cells.Reach:
         step = min(axis.step for axis in self.axes)
-        return TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
+        found: cells.Reach = TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
+        return found
 
     def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Any:
         """What multiplies the spectrum of one band, in the precision of the run; ``what`` names the rules."""

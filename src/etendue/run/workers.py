@@ -133,7 +133,8 @@ class Worker:
                     if answer[:1] == b"!":
                         kind, text = pickle.loads(answer[1:])
                         raise kind(text)
-                    return pickle.loads(memoryview(answer)[1:])
+                    result: BatchResult = pickle.loads(memoryview(answer)[1:])
+                    return result
                 if not self.process.is_alive():
                     raise EOFError
                 if stop.asked:

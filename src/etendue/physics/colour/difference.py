@@ -8,6 +8,8 @@ Sources: CIE 15:2018 (CIELAB); CIE 142:2001 and Sharma, Wu, Dalal 2005 (CIEDE200
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics import require
+
 
 def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
     """CIE 1976 L*a*b*.
@@ -114,4 +116,4 @@ def _triples(name: str, values: ArrayLike) -> NDArray:
     array = np.asarray(values)
     if array.ndim < 1 or array.shape[0] != 3:
         raise ValueError(f"{name} has shape {array.shape}; allowed is (3, ...), colour along the first axis")
-    return array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float64)
+    return require.floating(array)

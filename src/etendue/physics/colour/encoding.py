@@ -11,6 +11,8 @@ lifted above 0 first, to the end of the linear toe or to the smallest number.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics import require
+
 
 def srgb_encode(linear: ArrayLike) -> NDArray:
     """Linear light to sRGB values; negative light is the mirror image, infinite slope nowhere.
@@ -29,7 +31,7 @@ def srgb_encode(linear: ArrayLike) -> NDArray:
     Source: IEC 61966-2-1 with its printed break 0.0031308, where the two branches differ by 3e-8.
     Error: below 6e-16 relative in float64 (reference group srgb_encode), 3e-7 in float32 (|v| <= 10).
     """
-    value = _floating(linear)
+    value = require.floating(linear)
     size = value if _no_negative(value) else np.abs(value)
     curve = _at_least(size, 0.0031308)
     np.power(curve, 1 / 2.4, out=curve)
@@ -55,7 +57,7 @@ def srgb_decode(encoded: ArrayLike) -> NDArray:
     Source: IEC 61966-2-1 with its printed break 0.04045. Within 3e-8 of the break it is the inverse only to
     2e-9. Error: below 3e-16 x condition in float64 (reference group srgb_decode), 5e-7 in float32 (|v| <= 4).
     """
-    value = _floating(encoded)
+    value = require.floating(encoded)
     size = value if _no_negative(value) else np.abs(value)
     curve = _at_least(size, 0.04045)
     curve += 0.055
@@ -82,7 +84,7 @@ def bt709_encode(linear: ArrayLike) -> NDArray:
     of 2.5e-4 at 0.018. Error: below 2e-16 relative in float64 (reference group bt709_encode), 4e-7 in float32
     (v <= 10).
     """
-    value = _floating(linear)
+    value = require.floating(linear)
     curve = _at_least(value, 0.018)
     np.power(curve, 0.45, out=curve)
     curve *= 1.099
@@ -107,7 +109,7 @@ def bt709_decode(encoded: ArrayLike) -> NDArray:
     -----
     Source: ITU-R BT.709 solved for light, v / 4.5 up to 0.081.
     """
-    value = _floating(encoded)
+    value = require.floating(encoded)
     curve = _at_least(value, 0.081)
     curve += 0.099
     curve /= 1.099
@@ -140,9 +142,8 @@ def gamma_signed(value: ArrayLike, gamma: float) -> NDArray:
     gamma_signed); 8e-7 relative in float32 (gamma up to 2.2, 1e-6 <= |v| <= 10).
     """
     gamma = float(gamma)
-    if not 0 < gamma < np.inf:
-        raise ValueError(f"gamma is {gamma!r}; allowed are finite numbers above 0")
-    value = _floating(value)
+    require.allowed(0 < gamma < np.inf, "gamma", gamma, "finite numbers above 0")
+    value = require.floating(value)
     # the smallest number stands in for 0, which is put back
     plain = _no_negative(value)
     size = _at_least(value if plain else np.abs(value), np.finfo(value.dtype).smallest_subnormal)
@@ -176,8 +177,3 @@ def _at_least(values: NDArray, floor: float) -> NDArray:
     lifted = np.empty_like(values)
     np.clip(values, kind(floor), kind(np.inf), out=lifted)
     return lifted
-
-
-def _floating(values: ArrayLike) -> NDArray:
-    array = np.asarray(values)
-    return array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float64)

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics import require
+
 Matrix = NDArray[np.float64]
 
 D65_XY = (0.3127, 0.3290)
@@ -204,8 +206,7 @@ def fit_matrix(
         fixed = np.outer(white, wanted) / (white @ white)
         free = np.linalg.svd(white[None, :])[2][1:].T
     freedoms = free.shape[1]
-    if not 0 <= ridge < np.inf:
-        raise ValueError(f"ridge is {ridge!r}; allowed are finite numbers at or above 0")
+    require.amount("ridge", ridge)
     design, wanted_rest = samples @ free, targets - samples @ fixed
     if ridge > 0:
         design = np.concatenate([design, np.sqrt(ridge * len(samples)) * np.eye(freedoms)])

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from etendue.constants import BOLTZMANN, ELEMENTARY_CHARGE
+from etendue.physics import require
 
 BOLTZMANN_EV = BOLTZMANN / ELEMENTARY_CHARGE  # eV/K
 COLDEST, HOTTEST = 150.0, 450.0  # K, where the law of `dark_current_factor` is used
@@ -40,9 +41,7 @@ def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
     Source: Varshni's form with Janesick's constants, 1.1557 - 7.021e-4 T^2 / (1108 + T); 1.1109 eV at 300 K, where
     1.12 eV is the textbook value.
     """
-    temperature = np.asarray(temperature_K, dtype=float)
-    if not np.all(temperature >= 0):
-        raise ValueError(f"temperature_K is {np.min(temperature)!r}; allowed are numbers at or above 0")
+    temperature = require.at_least_zero("temperature_K", np.asarray(temperature_K, dtype=float))
     return 1.1557 - 7.021e-4 * temperature**2 / (1108.0 + temperature)
 
 
@@ -74,10 +73,8 @@ def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: fl
     doubling temperature).
     """
     for name, value in (("temperature_K", temperature_K), ("reference_K", reference_K)):
-        if not COLDEST <= value <= HOTTEST:
-            raise ValueError(f"{name} is {value!r}; allowed are {COLDEST:g} to {HOTTEST:g} K")
-    if not 0 <= doubling_K < math.inf:
-        raise ValueError(f"doubling_K is {doubling_K!r}; allowed are finite numbers at or above 0")
+        require.allowed(COLDEST <= value <= HOTTEST, name, value, f"{COLDEST:g} to {HOTTEST:g} K")
+    require.amount("doubling_K", doubling_K)
     if temperature_K == reference_K:
         return 1.0
     if doubling_K > 0:
@@ -112,13 +109,9 @@ def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_g
     -----
     Source: variances of independent sources add, sqrt(s_1^2 + (s_2 / g)^2).
     """
-    before, after = np.asarray(before_gain, dtype=float), np.asarray(after_gain, dtype=float)
-    gain = np.asarray(analogue_gain, dtype=float)
-    for name, values in (("before_gain", before), ("after_gain", after)):
-        if not np.all(values >= 0):
-            raise ValueError(f"{name} is {np.min(values)!r} electrons; allowed are numbers at or above 0")
-    if not np.all(gain > 0):
-        raise ValueError(f"analogue_gain is {np.min(gain)!r}; allowed are numbers above 0")
+    before = require.at_least_zero("before_gain", np.asarray(before_gain, dtype=float), " electrons")
+    after = require.at_least_zero("after_gain", np.asarray(after_gain, dtype=float), " electrons")
+    gain = require.above_zero("analogue_gain", np.asarray(analogue_gain, dtype=float))
     return np.hypot(before, after / gain)
 
 
@@ -239,8 +232,7 @@ def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level
     ValueError
         If the gain is not above 0, or the black level leaves no codes.
     """
-    if not gain_dn_per_electron > 0:
-        raise ValueError(f"gain_dn_per_electron is {gain_dn_per_electron!r}; allowed are numbers above 0")
+    require.allowed(gain_dn_per_electron > 0, "gain_dn_per_electron", gain_dn_per_electron, "numbers above 0")
     if not 0 <= black_level < 2**bits - 1:
         raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {2**bits - 1}")
     return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)

@@ -8,6 +8,8 @@ Sources: EMVA 1288 release 4 (linear); DNG 1.6 for black and white levels.
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from etendue.physics import require
+
 
 def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float, bits: int) -> NDArray:
     """Raw codes of a linear converter: pedestal, rounding, and both ends clipped.
@@ -44,8 +46,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
         charge = charge.astype(np.float64)
     top = _top_code(bits, black_level)
     gain = float(gain_dn_per_electron)
-    if not 0 < gain < np.inf:
-        raise ValueError(f"gain_dn_per_electron is {gain!r}; allowed are finite numbers above 0")
+    require.allowed(0 < gain < np.inf, "gain_dn_per_electron", gain, "finite numbers above 0")
     if bits > 16:
         charge = charge.astype(np.float64, copy=False)
     codes = charge * gain

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from etendue.constants import ELEMENTARY_CHARGE
+from etendue.physics import require
 
 UM2_IN_CM2 = 1e-8
 
@@ -41,8 +42,8 @@ def dark_electrons(dark_current_density_A_per_cm2: ArrayLike, area_um2: ArrayLik
     -----
     Source: n_d = i_dc t / q with i_dc = density x area. Error: 4 roundings, below 5e-16 relative.
     """
-    density = _at_least_zero("dark_current_density_A_per_cm2", dark_current_density_A_per_cm2)
-    area, time = _at_least_zero("area_um2", area_um2), _at_least_zero("time_s", time_s)
+    density = require.at_least_zero("dark_current_density_A_per_cm2", dark_current_density_A_per_cm2)
+    area, time = require.at_least_zero("area_um2", area_um2), require.at_least_zero("time_s", time_s)
     # density / q is about 1e10 for real sensors: dividing first keeps float32 away from its denormals
     return density / ELEMENTARY_CHARGE * (area * UM2_IN_CM2) * time
 
@@ -74,8 +75,8 @@ def saturation_current(full_well: ArrayLike, time: ArrayLike, dark_current: Arra
     Source: seed paper eq. 12, i_max = q Qmax / t - i_dc.
     Error: below 2e-16 relative to the larger term (reference group i_max).
     """
-    well, dark = _at_least_zero("full_well", full_well), _at_least_zero("dark_current", dark_current)
-    return ELEMENTARY_CHARGE * well / _above_zero("time", time) - dark
+    well, dark = require.at_least_zero("full_well", full_well), require.at_least_zero("dark_current", dark_current)
+    return ELEMENTARY_CHARGE * well / require.above_zero("time", time) - dark
 
 
 def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
@@ -104,8 +105,8 @@ def smallest_current(time: ArrayLike, dark_current: ArrayLike, read_noise: Array
     Source: denominator of seed paper eq. 13 over t, with q^2 (not q) before the variances, which are in
     electrons squared. Error: below 4e-16 relative (reference group i_min).
     """
-    time = _above_zero("time", time)
-    dark = _at_least_zero("dark_current", dark_current) * time / ELEMENTARY_CHARGE
+    time = require.above_zero("time", time)
+    dark = require.at_least_zero("dark_current", dark_current) * time / ELEMENTARY_CHARGE
     return ELEMENTARY_CHARGE * _dark_noise(dark, read_noise, dsnu) / time
 
 
@@ -135,8 +136,8 @@ def dynamic_range_elgamal(full_well: ArrayLike, dark_electrons: ArrayLike, read_
     dB for a sensor of 68 dB). The smallest signal is the dark noise alone; `dynamic_range_emva` asks for SNR
     = 1. Error: below 3e-16 x condition (reference group dr_db, 68.05 dB to -111.6 dB).
     """
-    well = _at_least_zero("full_well", full_well)
-    dark = _at_least_zero("dark_electrons", dark_electrons)
+    well = require.at_least_zero("full_well", full_well)
+    dark = require.at_least_zero("dark_electrons", dark_electrons)
     return _decibel(np.maximum(well - dark, 0), _dark_noise(dark, read_noise, dsnu))
 
 
@@ -167,9 +168,9 @@ def snr_db(electrons: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLik
     Source: El Gamal's SNR with the PRNU term, 20 log10(S / sqrt(S + n_d + s_r^2 + s_D^2 + (prnu S)^2)).
     Error: below 4e-16 relative (reference group snr_db).
     """
-    signal = _at_least_zero("electrons", electrons)
-    gain_noise = _at_least_zero("prnu", prnu) * signal
-    dark = _at_least_zero("dark_electrons", dark_electrons)
+    signal = require.at_least_zero("electrons", electrons)
+    gain_noise = require.at_least_zero("prnu", prnu) * signal
+    dark = require.at_least_zero("dark_electrons", dark_electrons)
     return _decibel(signal, np.hypot(_dark_noise(signal + dark, read_noise, dsnu), gain_noise))
 
 
@@ -202,7 +203,7 @@ def emva_snr(photons: ArrayLike, quantum_efficiency: ArrayLike, gain_dn_per_elec
     Source: EMVA 1288 R4 linear, eta mu / sqrt(s_d^2 + 1/(12 K^2) + eta mu).
     Error: below 4e-16 relative (reference group emva_snr).
     """
-    charge = _at_least_zero("photons", photons) * _above_zero("quantum_efficiency", quantum_efficiency)
+    charge = require.at_least_zero("photons", photons) * require.above_zero("quantum_efficiency", quantum_efficiency)
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
     noise = np.hypot(np.sqrt(charge), floor)
     return np.divide(charge, noise, out=np.zeros_like(noise), where=noise > 0)
@@ -227,7 +228,7 @@ def emva_smallest_photons(quantum_efficiency: ArrayLike, gain_dn_per_electron: A
     Error: below 4e-16 relative (reference group emva_mu_p_min).
     """
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
-    return (np.hypot(floor, 0.5) + 0.5) / _above_zero("quantum_efficiency", quantum_efficiency)
+    return (np.hypot(floor, 0.5) + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)
 
 
 def emva_smallest_photons_approx(quantum_efficiency: ArrayLike, gain_dn_per_electron: ArrayLike, dark_noise: ArrayLike) -> NDArray:
@@ -249,7 +250,7 @@ def emva_smallest_photons_approx(quantum_efficiency: ArrayLike, gain_dn_per_elec
     (reference group emva_mu_p_min_approx).
     """
     floor = _emva_floor(gain_dn_per_electron, dark_noise)
-    return (floor + 0.5) / _above_zero("quantum_efficiency", quantum_efficiency)
+    return (floor + 0.5) / require.above_zero("quantum_efficiency", quantum_efficiency)
 
 
 def dynamic_range_emva(full_well: ArrayLike, dark_electrons: ArrayLike, read_noise: ArrayLike, gain_dn_per_electron: ArrayLike) -> NDArray:
@@ -281,47 +282,24 @@ def dynamic_range_emva(full_well: ArrayLike, dark_electrons: ArrayLike, read_noi
     -----
     Source: EMVA 1288 R4 linear, mu_p.sat / mu_p.min, from which quantum efficiency cancels.
     """
-    well, dark = _at_least_zero("full_well", full_well), _at_least_zero("dark_electrons", dark_electrons)
+    well, dark = require.at_least_zero("full_well", full_well), require.at_least_zero("dark_electrons", dark_electrons)
     noise = _dark_noise(dark, read_noise, 0.0)
     return _decibel(np.maximum(well - dark, 0), emva_smallest_photons(1.0, gain_dn_per_electron, noise))
 
 
 def _dark_noise(shot_variance: NDArray, read_noise: ArrayLike, dsnu: ArrayLike) -> NDArray:
     """sqrt(n + s_r^2 + s_D^2) without squaring, which would overflow float32 at 2e19."""
-    read, fixed = _at_least_zero("read_noise", read_noise), _at_least_zero("dsnu", dsnu)
+    read, fixed = require.at_least_zero("read_noise", read_noise), require.at_least_zero("dsnu", dsnu)
     return np.hypot(np.hypot(np.sqrt(shot_variance), read), fixed)
 
 
 def _emva_floor(gain: ArrayLike, dark_noise: ArrayLike) -> NDArray:
     """sqrt(s_d^2 + 1/(12 K^2)), electrons."""
-    quantisation = 1 / (_above_zero("gain_dn_per_electron", gain) * 12**0.5)
-    return np.hypot(_at_least_zero("dark_noise", dark_noise), quantisation)
+    quantisation = 1 / (require.above_zero("gain_dn_per_electron", gain) * 12**0.5)
+    return np.hypot(require.at_least_zero("dark_noise", dark_noise), quantisation)
 
 
 def _decibel(signal: NDArray, noise: NDArray) -> NDArray:
     """20 log10(signal / noise): -inf without signal, whatever the noise; +inf with signal and no noise."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(signal > 0, 20 * np.log10(signal / noise), -np.inf)[()]
-
-
-def _floating(values: ArrayLike) -> NDArray:
-    array = np.asarray(values)
-    return array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float64)
-
-
-def _at_least_zero(name: str, values: ArrayLike) -> NDArray:
-    array = _floating(values)
-    if not np.all(array >= 0):
-        raise ValueError(f"{name} is {_worst(array)!r}; allowed are numbers at or above 0")
-    return array
-
-
-def _above_zero(name: str, values: ArrayLike) -> NDArray:
-    array = _floating(values)
-    if not np.all(array > 0):
-        raise ValueError(f"{name} is {_worst(array)!r}; allowed are numbers above 0")
-    return array
-
-
-def _worst(array: NDArray) -> float:
-    return float(np.min(array))  # NaN wins, as it should

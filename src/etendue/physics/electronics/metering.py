@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics import require
+
 GREY = 0.18  # reflectance of a grey card
 
 
@@ -38,10 +40,8 @@ def exposure_value(f_number: ArrayLike, time_s: ArrayLike) -> NDArray:
     -----
     Source: ISO 2720, APEX. "EV100" of a scene is this number where the exposure is right at ISO 100.
     """
-    number, time = np.asarray(f_number, dtype=float), np.asarray(time_s, dtype=float)
-    for name, values in (("f_number", number), ("time_s", time)):
-        if not np.all(values > 0):
-            raise ValueError(f"{name} is {np.min(values)!r}; allowed are numbers above 0")
+    number = require.above_zero("f_number", np.asarray(f_number, dtype=float))
+    time = require.above_zero("time_s", np.asarray(time_s, dtype=float))
     return 2 * np.log2(number) - np.log2(time)
 
 
@@ -66,10 +66,7 @@ def saturation_iso(saturation_exposure_lx_s: ArrayLike) -> NDArray:
     -----
     Source: ISO 12232: a metered scene of mean exposure 10 / S then leaves half a stop above a 100 % reflector.
     """
-    exposure = np.asarray(saturation_exposure_lx_s, dtype=float)
-    if not np.all(exposure > 0):
-        raise ValueError(f"saturation_exposure_lx_s is {np.min(exposure)!r}; allowed are numbers above 0")
-    return 78 / exposure
+    return 78 / require.above_zero("saturation_exposure_lx_s", np.asarray(saturation_exposure_lx_s, dtype=float))
 
 
 def metered_level(rate: NDArray, method: str, quantile: float = 0.99) -> float:
@@ -164,10 +161,8 @@ def charge_at_snr(snr: ArrayLike, dark_variance: ArrayLike) -> NDArray:
     -----
     Source: positive root of S / sqrt(S + v) = q, S = q (q + sqrt(q^2 + 4 v)) / 2: a sum of positive terms.
     """
-    ratio, variance = np.asarray(snr, dtype=float), np.asarray(dark_variance, dtype=float)
-    for name, values in (("snr", ratio), ("dark_variance", variance)):
-        if not np.all(values >= 0):
-            raise ValueError(f"{name} is {np.min(values)!r}; allowed are numbers at or above 0")
+    ratio = require.at_least_zero("snr", np.asarray(snr, dtype=float))
+    variance = require.at_least_zero("dark_variance", np.asarray(dark_variance, dtype=float))
     return 0.5 * ratio * (ratio + np.hypot(ratio, 2 * np.sqrt(variance)))
 
 

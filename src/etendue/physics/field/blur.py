@@ -29,6 +29,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from etendue.physics import require
 from etendue.physics.field.convolve import Weights, eigen, fast, hats_of, tiles
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.physics.field.psf_kernels import Centre, Light, Sampler
@@ -165,8 +166,7 @@ def prepare(
     ``tiles`` three small ones per node, and the calls. Measured run times lie within a factor of 1.6 of this from 256 x 256
     to 1024 x 1024 samples.
     """
-    if not 0.0 < tolerance < np.inf:
-        raise ValueError(f"tolerance is {tolerance}; it must be finite and above 0")
+    require.must(0.0 < tolerance < np.inf, "tolerance", tolerance, "finite and above 0")
     if method not in ("auto", "eigen", "tiles"):
         raise ValueError(f"method is {method!r}; it must be 'auto', 'eigen' or 'tiles'")
     if weights not in ("source", "image"):

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
@@ -44,10 +46,8 @@ def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
     Error: below 3e-16 relative beyond the sensitivity to the arguments, which is large where the circles touch (2000 random
     cases, rims of 1e-3 to 1e6 times the radius, against 50 digits).
     """
-    if not (np.isfinite(radius) and radius > 0):
-        raise ValueError(f"radius is {radius}; it must be above 0 and finite")
-    if not rim > 0:
-        raise ValueError(f"rim is {rim}; it must be above 0")
+    require.finite("radius", radius)
+    require.positive("rim", rim)
     away = np.abs(np.asarray(shift))
     if np.isinf(rim):
         return np.ones_like(away, dtype=np.result_type(away, np.float32))[()]
@@ -97,8 +97,7 @@ def vignetting(
     k = 1/(1 - d/L). Times `radiometry.cos4` it is the relative illumination of a small pupil exactly; a wide one weighs its
     parts by up to `radiometry.disc_falloff` against cos4.
     """
-    if not rim_distance >= 0:
-        raise ValueError(f"rim_distance is {rim_distance}; it must be 0 or above")
+    require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
     if not object_distance > rim_distance:
         raise ValueError(f"object_distance is {object_distance} mm; it must be beyond the rim, {rim_distance} mm")
     wider = 1.0 / (1.0 - rim_distance / object_distance)
@@ -141,8 +140,7 @@ def cosine_response(angle_deg: Floats, power: float) -> Floats:
     power : float, 1
         0 or above; 0: no dependence. 1 is the projected area of a flat detector.
     """
-    if not power >= 0:
-        raise ValueError(f"power is {power}; it must be 0 or above")
+    require.must(power >= 0, "power", power, "0 or above")
     cosine = np.cos(np.radians(np.minimum(np.abs(angle_deg), 90.0)))
     return np.maximum(cosine, 0.0) ** power
 

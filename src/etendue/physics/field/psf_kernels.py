@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Light = Literal["bandlimited", "cells"]
 Centre = Literal["reference", "centroid"]
@@ -59,8 +61,7 @@ class Sampler:
         used: tuple[int, ...] | None = None, error: float = 1e-4,
     ) -> None:  # fmt: skip
         bank = bank.rounded().refined(error)
-        if not 0.0 < spacing < np.inf:
-            raise ValueError(f"spacing is {spacing}; it must be finite and above 0 um")
+        require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
         if light not in ("bandlimited", "cells"):
             raise ValueError(f"light is {light!r}; it must be 'bandlimited' or 'cells'")
         if centre not in ("reference", "centroid"):

@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import CubicSpline
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 
 _ROWS = 256  # of a plane at a time: coordinates are in double precision
@@ -64,10 +66,8 @@ class Distortion:
         if len(self.coefficients) != 3 or not all(map(math.isfinite, self.coefficients)):
             raise ValueError(f"coefficients are {self.coefficients}; they must be three finite numbers")
         for name, value in (("reference_um", self.reference_um), ("reference_wavelength_um", self.reference_wavelength_um)):
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} is {value}; it must be finite and above 0 um")
-        if not math.isfinite(self.lateral_colour):
-            raise ValueError(f"lateral_colour is {self.lateral_colour}; it must be finite")
+            require.must(0.0 < value < math.inf, name, value, "finite and above 0 um")
+        require.must(math.isfinite(self.lateral_colour), "lateral_colour", self.lateral_colour, "finite")
         if self.table is None:
             return
         if any(self.coefficients):
@@ -264,8 +264,7 @@ def radial(
     """
     if order not in ORDERS:
         raise ValueError(f"order is {order}; it must be from 1 to 5")
-    if not 1 <= oversampling <= 8:
-        raise ValueError(f"oversampling is {oversampling}; it must be from 1 to 8")
+    require.must(1 <= oversampling <= 8, "oversampling", oversampling, "from 1 to 8")
     plane = np.asarray(plane)
     base = plane.min()
     table = np.asarray(plane - base, dtype=float)  # what is even stays even, whatever the weights add up to

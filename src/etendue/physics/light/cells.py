@@ -20,6 +20,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Array = NDArray[Any]
 Transfer = Callable[[FloatArray, FloatArray], Array]  # fy (n, 1), fx (1, m) cycles/um -> (n, m)
@@ -123,8 +125,7 @@ def aperture_rule(axis: Axis, width: float, offset: float, half: bool) -> Rule:
     offset : float, cells
         Of its centre from the centre of the cell whose place it takes.
     """
-    if not 0.0 <= width < np.inf:
-        raise ValueError(f"width is {width}; it must be finite and 0 or above, in um")
+    require.must(0.0 <= width < np.inf, "width", width, "finite and 0 or above, in um")
 
     def weights(k: FloatArray) -> Array:
         real = np.sinc(k / axis.size) * np.sinc(k * (width / (axis.size * axis.step)))

@@ -8,7 +8,8 @@ Source: Planck's law with the constants of the SI of 2019.
 import numpy as np
 
 from etendue.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
-from etendue.physics.light.radiometry import Floats, require
+from etendue.physics import require
+from etendue.physics.light.radiometry import Floats
 
 SECOND_RADIATION_UM = 1e6 * PLANCK * SPEED_OF_LIGHT / BOLTZMANN
 """The second radiation constant hc/k, um K."""
@@ -38,8 +39,8 @@ def planck_photon_radiance(wavelength_um: Floats, temperature: Floats) -> Floats
     -----
     Source: Planck's law. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
     """
-    require(wavelength_um, "wavelength_um", np.greater, "above 0")
-    require(temperature, "temperature", np.greater, "above 0")
+    require.positive("wavelength_um", wavelength_um)
+    require.positive("temperature", temperature)
     wavelength = np.asarray(wavelength_um)
     exponent = SECOND_RADIATION_UM / (wavelength * temperature)
     # exp(-x) / (1 - exp(-x)) instead of 1 / expm1(x): underflows where the other overflows
@@ -73,9 +74,9 @@ def planck_ratio(wavelength_um: Floats, temperature: Floats, reference_um: float
     Source: Planck's law as a ratio, with the two exponentials joined into one that overflows only if the
     ratio does. Error: 6e-16 max(1, hc/(lambda k T)) relative, the sensitivity to the inputs.
     """
-    require(wavelength_um, "wavelength_um", np.greater, "above 0")
-    require(temperature, "temperature", np.greater, "above 0")
-    require(reference_um, "reference_um", np.greater, "above 0")
+    require.positive("wavelength_um", wavelength_um)
+    require.positive("temperature", temperature)
+    require.positive("reference_um", reference_um)
     wavelength = np.asarray(wavelength_um)
     gap = SECOND_RADIATION_UM / temperature * ((wavelength - reference_um) / (wavelength * reference_um))
     slow = np.expm1(-SECOND_RADIATION_UM / (temperature * reference_um))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etendue.constants import ARCSECONDS_PER_RADIAN, PLANCK, SPEED_OF_LIGHT
+from etendue.physics import require
 
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
@@ -44,9 +45,9 @@ def working_f_number(f_number: Floats, magnification: Floats = 0.0, pupil_magnif
     -----
     Source: seed paper eq. 5, the factor f/# (1 - m), with the pupil magnification of a thick lens.
     """
-    require(f_number, "f_number", np.greater, "above 0")
-    require(pupil_magnification, "pupil_magnification", np.greater, "above 0")
-    require(magnification, "magnification", np.less_equal, "0 or below: a real image is inverted")
+    require.positive("f_number", f_number)
+    require.positive("pupil_magnification", pupil_magnification)
+    require.must(np.asarray(magnification) <= 0, "magnification", magnification, "0 or below: a real image is inverted")
     return f_number * (1.0 - magnification / pupil_magnification)
 
 
@@ -129,8 +130,10 @@ def t_number_of(f_number: Floats, transmittance: Floats) -> Floats:
     -----
     Source: ISO 517.
     """
-    require(f_number, "f_number", np.greater, "above 0")
-    require(transmittance, "transmittance", lambda v, zero: (v > zero) & (v <= 1), "above 0 and at most 1")
+    require.positive("f_number", f_number)
+    require.must(
+        (np.asarray(transmittance) > 0) & (np.asarray(transmittance) <= 1), "transmittance", transmittance, "above 0 and at most 1"
+    )
     return f_number / np.sqrt(transmittance)
 
 
@@ -148,7 +151,7 @@ def exit_pupil_distance(focal_length_mm: Floats, magnification: Floats = 0.0, pu
     -----
     Source: conjugates of the pupils. It makes N_w the distance over the diameter m_p f/N of the exit pupil.
     """
-    require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    require.positive("focal_length_mm", focal_length_mm)
     working_f_number(1.0, magnification, pupil_magnification)  # refuses what makes no sense
     return focal_length_mm * (pupil_magnification - magnification)
 
@@ -335,8 +338,8 @@ def plate_scale(pixel_pitch_um: Floats, focal_length_mm: Floats) -> Floats:
     -----
     Source: seed paper eq. 10, with 206264.806 instead of 206265. Small angles: on the axis.
     """
-    require(pixel_pitch_um, "pixel_pitch_um", np.greater, "above 0")
-    require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    require.positive("pixel_pitch_um", pixel_pitch_um)
+    require.positive("focal_length_mm", focal_length_mm)
     return ARCSECONDS_PER_RADIAN * pixel_pitch_um / (1000.0 * focal_length_mm)
 
 
@@ -359,8 +362,10 @@ def focal_length_from_field(half_diagonal_mm: Floats, half_field_rad: Floats) ->
     -----
     Source: seed paper eq. 9. A half-inch sensor (y = 4 mm) at 30 degrees needs 6.93 mm.
     """
-    require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
-    require(half_field_rad, "half_field_rad", lambda v, zero: (v > zero) & (v < np.pi / 2), "in (0, pi/2)")
+    require.positive("half_diagonal_mm", half_diagonal_mm)
+    require.must(
+        (np.asarray(half_field_rad) > 0) & (np.asarray(half_field_rad) < np.pi / 2), "half_field_rad", half_field_rad, "in (0, pi/2)"
+    )
     return half_diagonal_mm / np.tan(half_field_rad)
 
 
@@ -381,12 +386,6 @@ def field_from_focal_length(half_diagonal_mm: Floats, focal_length_mm: Floats) -
     -----
     Source: seed paper eq. 9 solved for omega.
     """
-    require(half_diagonal_mm, "half_diagonal_mm", np.greater, "above 0")
-    require(focal_length_mm, "focal_length_mm", np.greater, "above 0")
+    require.positive("half_diagonal_mm", half_diagonal_mm)
+    require.positive("focal_length_mm", focal_length_mm)
     return np.arctan2(half_diagonal_mm, focal_length_mm)
-
-
-def require(value: Floats, name: str, test: Any, allowed: str) -> None:
-    """Every element of value must pass test(value, 0); NaN never does."""
-    if not np.all(test(np.asarray(value), 0.0)):
-        raise ValueError(f"{name} is {value}; it must be {allowed}")

@@ -72,20 +72,7 @@ def nearest(mosaic: NDArray, pattern: str) -> NDArray:
 def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
     """Missing colours are the mean of their two or four nearest samples.
 
-    Parameters
-    ----------
-    mosaic : (y, x) array, any unit
-    pattern : str
-        One of `cfa.BAYER`.
-
-    Returns
-    -------
-    (3, y, x) array, unit and dtype of mosaic (integers become float64)
-
-    Raises
-    ------
-    ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+    Takes and gives what a method does (see `frame`).
 
     Notes
     -----
@@ -122,21 +109,7 @@ def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
 def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
     """Green is bilinear; red and blue follow it, since G - R and G - B vary less than R and B do.
 
-    Parameters
-    ----------
-    mosaic : (y, x) array, any unit
-    pattern : str
-        One of `cfa.BAYER`.
-
-    Returns
-    -------
-    (3, y, x) array, unit and dtype of mosaic (integers become float64)
-        May leave the range of the mosaic: negative values are kept.
-
-    Raises
-    ------
-    ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are kept.
 
     Notes
     -----

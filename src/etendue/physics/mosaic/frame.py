@@ -8,6 +8,9 @@ neighbours have the colour which the pattern expects there. Tiles begin on even 
 pattern of the frame; what is computed for a pixel does not depend on the tile in which it lies. They are small enough
 for their temporaries to stay in the cache: beyond it, numpy's run time is that of memory.
 
+A *method* takes a mosaic (y, x) and a pattern, one of `cfa.BAYER`, and gives (3, y, x) in its unit and dtype (integers become
+float64); it raises ValueError if the mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+
 A *quarter plane* holds what stands at one site of the 2 x 2 cell, contiguous, in a tile and one pixel around it.
 """
 
@@ -16,6 +19,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
 from etendue.physics.sensor.cfa import COLOURS, phase
 
 RED, GREEN, BLUE = range(3)
@@ -34,7 +38,7 @@ def checked(mosaic: NDArray, pattern: str) -> NDArray:
     if mosaic.ndim != 2 or mosaic.size == 0:
         raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x), at least 1 x 1")
     phase(pattern)
-    return mosaic if np.issubdtype(mosaic.dtype, np.floating) else mosaic.astype(np.float64)
+    return require.floating(mosaic)
 
 
 def mirrored(mosaic: NDArray, reach: int) -> NDArray:

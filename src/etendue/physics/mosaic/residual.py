@@ -53,21 +53,7 @@ TINY = 1e-30  # of the squared peak: keeps ratios defined where all is black
 def residual(mosaic: NDArray, pattern: str) -> NDArray:
     """Green from two estimators along rows and columns, mixed by local statistics; red and blue by local slopes on it.
 
-    Parameters
-    ----------
-    mosaic : (y, x) array, any unit
-    pattern : str
-        One of `cfa.BAYER`.
-
-    Returns
-    -------
-    (3, y, x) array, unit and dtype of mosaic (integers become float64)
-        May leave the range of the mosaic: negative values are kept.
-
-    Raises
-    ------
-    ValueError
-        If mosaic is not (y, x) with a sample in it, or the pattern is not one of the four.
+    Takes and gives what a method does (see `frame`); the planes may leave the range of the mosaic: negative values are kept.
 
     Notes
     -----

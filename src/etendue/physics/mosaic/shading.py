@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_lsq_spline
 
+from etendue.physics import require
 from etendue.physics.sensor import cfa
 
 FloatArray = NDArray[np.floating]
@@ -50,10 +51,8 @@ def gain_of(relative: ArrayLike, strength: float, largest: float) -> FloatArray:
         For arguments out of range.
     """
     relative = np.asarray(relative)
-    if not 0 <= strength <= 1:
-        raise ValueError(f"strength is {strength!r}; allowed are numbers from 0 to 1")
-    if not 1 <= largest < np.inf:
-        raise ValueError(f"largest is {largest!r}; allowed are finite numbers from 1: noise grows by as much")
+    require.allowed(0 <= strength <= 1, "strength", strength, "numbers from 0 to 1")
+    require.allowed(1 <= largest < np.inf, "largest", largest, "finite numbers from 1: noise grows by as much")
     if not np.all(relative >= 0):
         raise ValueError(f"relative goes down to {np.nanmin(relative):g} or is NaN; allowed are numbers from 0")
     kind = relative.dtype.type

@@ -9,6 +9,7 @@ Trezzi 2004, Color Imaging Conf. 12 (a power between the two). What they share: 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics import require
 from etendue.physics.sensor import cfa
 
 FloatArray = NDArray[np.floating]
@@ -97,8 +98,7 @@ def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
         Without cells, or for a power below 1 or infinite.
     """
     means = _some(means)
-    if not 1 <= power < np.inf:
-        raise ValueError(f"power is {power!r}; allowed are finite numbers from 1; of an infinite one there is white_patch")
+    require.allowed(1 <= power < np.inf, "power", power, "finite numbers from 1; of an infinite one there is white_patch")
     if power == 1:
         return means.mean(axis=1)
     above = np.maximum(means, 0.0)
@@ -126,8 +126,7 @@ def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
     ValueError
         Without cells, or for a quantile out of range.
     """
-    if not 0 < quantile <= 1:
-        raise ValueError(f"quantile is {quantile!r}; allowed are numbers above 0 and at most 1")
+    require.allowed(0 < quantile <= 1, "quantile", quantile, "numbers above 0 and at most 1")
     return np.asarray(np.quantile(_some(means), quantile, axis=1))
 
 
@@ -196,8 +195,7 @@ def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
         1e-9 of the largest: its gain would be infinite, negative, or nothing but noise.
     """
     found = np.asarray(responses, np.float64)
-    if not 0 <= floor < 1:
-        raise ValueError(f"floor is {floor!r}; allowed are numbers from 0 and below 1")
+    require.allowed(0 <= floor < 1, "floor", floor, "numbers from 0 and below 1")
     largest = found.max(initial=0.0)
     if found.ndim != 1 or not np.isfinite(found).all() or not largest > 0:
         raise ValueError(f"the white is {found.tolist()}; allowed are finite numbers, one of them above 0")

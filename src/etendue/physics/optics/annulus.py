@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
 from etendue.physics.optics import airy, diffraction
 
 FloatArray = NDArray[np.floating]
@@ -49,7 +50,7 @@ def annular_intensity(r: Floats, wavelength: Floats, f_number: Floats, obstructi
     -----
     Source: Born and Wolf eq. 8.6.19. Error: that of the Airy pattern plus 1e-15/(1 - eps^2) absolute.
     """
-    _check(obstruction)
+    require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     v = np.abs(r) * (np.pi / diffraction.spot(wavelength, f_number))
     if obstruction == 0.0:
         return airy.pattern(v)
@@ -63,7 +64,7 @@ def annular_psf_density(r: Floats, wavelength: Floats, f_number: Floats, obstruc
 
     Parameters, errors and exceptions as in `annular_intensity`.
     """
-    _check(obstruction)
+    require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     peak = np.pi * (1.0 - obstruction) * (1.0 + obstruction) / (4.0 * diffraction.spot(wavelength, f_number) ** 2)
     return peak * annular_intensity(r, wavelength, f_number, obstruction)
 
@@ -99,7 +100,7 @@ def annular_otf(frequency: Floats, wavelength: Floats, f_number: Floats, obstruc
     Error: 1e-15/(1 - eps^2) absolute (float64; 1e-7/(1 - eps^2) in float32, worked in float64 inside): the difference of
     the areas.
     """
-    _check(obstruction)
+    require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     if obstruction == 0.0:
         return diffraction.circular_otf(frequency, wavelength, f_number)
     given = np.asarray(np.abs(frequency) * diffraction.spot(wavelength, f_number))
@@ -149,8 +150,3 @@ def _segment(y: FloatArray) -> FloatArray:
     near = np.minimum(y, 1.04)
     square = near * near
     return np.where(y < 1.04, near * square * airy.horner(_SEGMENT_SERIES, square), y - np.sin(y))
-
-
-def _check(obstruction: float) -> None:
-    if not 0.0 <= obstruction < 1.0:
-        raise ValueError(f"obstruction is {obstruction}; it must be at least 0 and below 1")

@@ -6,7 +6,8 @@ Sources: Born and Wolf, Principles of Optics, section 8.5; Goodman, Introduction
 6.3; seed paper eqs. 3 and 4, of which eq. 3 is misprinted (its argument grows without bound towards the
 centre) and the 2.44 of eq. 4 is kept with all its digits.
 
-Throughout v = pi r / (lambda N). N is the working f-number: see `radiometry.working_f_number`.
+Throughout v = pi r / (lambda N). N is the working f-number: see `radiometry.working_f_number`. A wavelength or an
+f-number that is not above 0 is a ValueError.
 """
 
 from math import factorial
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
 from etendue.physics.optics import airy
 
 FloatArray = NDArray[np.floating]
@@ -114,8 +116,7 @@ def airy_psf_stack(y: FloatArray, x: FloatArray, wavelengths: FloatArray, f_numb
     y, x, bands = np.asarray(y), np.asarray(x), np.atleast_1d(np.asarray(wavelengths, float))
     if y.ndim != 1 or x.ndim != 1:
         raise ValueError(f"y has shape {y.shape} and x {x.shape}; both must be one-dimensional")
-    if not 0.0 <= tolerance < 1.0:
-        raise ValueError(f"tolerance is {tolerance}; it must be at least 0 and below 1")
+    require.must(0.0 <= tolerance < 1.0, "tolerance", tolerance, "at least 0 and below 1")
     spots = np.atleast_1d(spot(bands, f_number))
     kind = np.result_type(y, x, np.float32)
     rows, row_of = np.unique(np.abs(y).astype(float), return_inverse=True)
@@ -217,46 +218,22 @@ def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Flo
 
 
 def cutoff_frequency(wavelength: Floats, f_number: Floats) -> Floats:
-    """Frequency (cycles/um) from which a diffraction-limited lens passes nothing, 1/(lambda N).
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Frequency (cycles/um) from which a diffraction-limited lens passes nothing, 1/(lambda N)."""
     return 1.0 / spot(wavelength, f_number)
 
 
 def airy_diameter(wavelength: Floats, f_number: Floats) -> Floats:
-    """Diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Diameter (um) of the first dark ring, 2.4393... lambda N; seed paper eq. 4 rounds it to 2.44."""
     return AIRY_DIAMETER * spot(wavelength, f_number)
 
 
 def rayleigh_separation(wavelength: Floats, f_number: Floats) -> Floats:
-    """Distance (um) of two spots one of which sits on the other's first dark ring, 1.2196... lambda N.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Distance (um) of two spots one of which sits on the other's first dark ring, 1.2196... lambda N."""
     return RAYLEIGH * spot(wavelength, f_number)
 
 
 def sparrow_separation(wavelength: Floats, f_number: Floats) -> Floats:
-    """Distance (um) at which the dip between two equal incoherent spots disappears, 0.9471... lambda N.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
+    """Distance (um) at which the dip between two equal incoherent spots disappears, 0.9471... lambda N."""
     return SPARROW * spot(wavelength, f_number)
 
 
@@ -295,8 +272,7 @@ def pixel_airy(row: Floats, column: Floats, pitch: float, wavelength: float, f_n
     ring, where relative errors mean nothing; 3e-11 for 2e-9 of the energy, from 0.003 on and up to 39 rows and columns away.
     """
     scale = np.pi * pitch / spot(wavelength, f_number)
-    if not pitch > 0.0:
-        raise ValueError(f"pitch is {pitch}; it must be above 0 um")
+    require.positive("pitch", pitch, " um")
     row, column = np.broadcast_arrays(np.abs(np.asarray(row, float)), np.abs(np.asarray(column, float)))
     if not (np.all(row == np.rint(row)) and np.all(column == np.rint(column))):
         raise ValueError(f"row is {row} and column is {column}; they must be whole numbers of pixels")
@@ -334,8 +310,7 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
     s / (2 (s - Sparrow's)) close to Sparrow's separation.
     """
     separation = np.asarray(separation, float)
-    if not np.all(separation >= 0.0):
-        raise ValueError(f"separation is {separation}; it must be 0 or above")
+    require.must(separation >= 0.0, "separation", separation, "0 or above")
     half = np.pi * separation
     merged = 2.0 * separation <= SPARROW
     # one sign change of the slope between the bounds: at most 1 inwards of a spot once the two stand apart
@@ -351,17 +326,9 @@ def two_point_saddle(separation: Floats) -> tuple[Floats, Floats]:
 
 
 def spot(wavelength: Floats, f_number: Floats) -> Floats:
-    """lambda N in um, a plain float where it is a scalar so that float32 arrays stay float32.
-
-    Raises
-    ------
-    ValueError
-        For a wavelength (um) or an f-number that is not above 0.
-    """
-    if not np.all(np.asarray(wavelength) > 0.0):
-        raise ValueError(f"wavelength is {wavelength}; it must be above 0 um")
-    if not np.all(np.asarray(f_number) > 0.0):
-        raise ValueError(f"f_number is {f_number}; it must be above 0")
+    """lambda N in um, a plain float where it is a scalar so that float32 arrays stay float32."""
+    require.positive("wavelength", wavelength, " um")
+    require.positive("f_number", f_number)
     product = np.asarray(wavelength) * f_number
     return product if product.ndim else float(product)
 

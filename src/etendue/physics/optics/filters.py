@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
@@ -40,8 +42,7 @@ def smooth_cut(wavelength: Floats, cut_off: float, edge: float) -> Floats:
     -----
     A model, not a product: infrared cuts of glass or coatings are tables.
     """
-    if not edge > 0:
-        raise ValueError(f"edge is {edge}; it must be above 0 nm")
+    require.positive("edge", edge, " nm")
     return expit(2.0 * (cut_off - np.asarray(wavelength)) / edge)
 
 

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import kv
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
@@ -127,7 +129,5 @@ def glare_otf(radial: FloatArray, fraction: float, veil: float, r0: float, power
 
 
 def _check(r0: float, power: float) -> None:
-    if not (np.isfinite(r0) and r0 > 0):
-        raise ValueError(f"r0 is {r0}; it must be above 0 and finite")
-    if not (2.0 < power < np.inf):
-        raise ValueError(f"power is {power}; it must be above 2, or the tail would hold infinite light")
+    require.finite("r0", r0)
+    require.must(2.0 < power < np.inf, "power", power, "above 2, or the tail would hold infinite light")

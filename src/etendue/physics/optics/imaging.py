@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.sparse import csr_array
 
+from etendue.physics import require
 from etendue.physics.optics.diffraction import spot
 from etendue.physics.optics.pupil import cell_centres, lagrange_weights
 
@@ -238,10 +239,8 @@ def radial_otf(
     x = R cos(p), y = R sin(p) t makes the integrand smooth and Gauss's rule exponentially exact.
     Error: 1e-13/(1 - eps^2) absolute (up to three waves of defocus, 48 nodes).
     """
-    if not wavelength > 0.0:
-        raise ValueError(f"wavelength is {wavelength}; it must be above 0 um")
-    if not 0.0 <= obstruction < 1.0:
-        raise ValueError(f"obstruction is {obstruction}; it must be at least 0 and below 1")
+    require.positive("wavelength", wavelength, " um")
+    require.must(0.0 <= obstruction < 1.0, "obstruction", obstruction, "at least 0 and below 1")
     if nodes < 1:
         raise ValueError(f"nodes is {nodes}; it must be at least 1")
     shift = np.asarray(nu, float)
@@ -297,8 +296,7 @@ def _waves(position: FloatArray, centres: FloatArray, even: bool) -> tuple[Any, 
 
 
 def _area(amplitude: FloatArray, wavelength: Floats) -> float:
-    if not np.all(np.asarray(wavelength) > 0.0):
-        raise ValueError(f"wavelength is {wavelength}; it must be above 0 um")
+    require.positive("wavelength", wavelength, " um")
     total = float(np.sum(amplitude))
     if not total > 0.0:
         raise ValueError(f"amplitude sums to {total}; it must be above 0")

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.special import j0, roots_legendre
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 
@@ -48,8 +50,7 @@ def gaussian_otf(fy: FloatArray, fx: FloatArray, sigma: float) -> FloatArray:
     -----
     Error: 2e-16 max(1, 2 pi^2 sigma^2 f^2) relative, the sensitivity to the inputs.
     """
-    if not 0.0 <= sigma < np.inf:
-        raise ValueError(f"sigma is {sigma}; it must be finite and 0 or above, in um")
+    require.must(0.0 <= sigma < np.inf, "sigma", sigma, "finite and 0 or above, in um")
     scale = sqrt(2.0) * pi * float(sigma)  # a plain float keeps float32 arrays float32
     return np.exp(-((scale * fy) ** 2)) * np.exp(-((scale * fx) ** 2))
 
@@ -62,8 +63,7 @@ def gaussian_sigma_from_fwhm(fwhm: Floats) -> Floats:
     ValueError
         For a negative or NaN width.
     """
-    if not np.all(np.asarray(fwhm) >= 0.0):
-        raise ValueError(f"fwhm is {fwhm}; it must be 0 or above")
+    require.must(np.asarray(fwhm) >= 0.0, "fwhm", fwhm, "0 or above")
     return fwhm / FWHM_OF_SIGMA
 
 
@@ -160,8 +160,7 @@ def psf_image_otf(
     image = np.asarray(image)
     if image.ndim != 2 or not np.all(np.isfinite(image)):
         raise ValueError(f"image has shape {image.shape}; it must be two-dimensional with finite samples")
-    if not 0.0 < spacing < np.inf:
-        raise ValueError(f"spacing is {spacing}; it must be finite and above 0 um")
+    require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
     if centre not in ("sample", "centroid"):
         raise ValueError(f"centre is {centre!r}; it must be 'sample' or 'centroid'")
     energy = float(np.sum(image, dtype=float))

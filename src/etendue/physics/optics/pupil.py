@@ -15,6 +15,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Shape = Literal["circular", "annular", "polygonal"]
@@ -54,8 +56,7 @@ class Aperture:
     def __post_init__(self) -> None:
         if self.shape not in ("circular", "annular", "polygonal"):
             raise ValueError(f"shape is {self.shape!r}; it must be 'circular', 'annular' or 'polygonal'")
-        if not 0.0 <= self.obstruction < 1.0:
-            raise ValueError(f"obstruction is {self.obstruction}; it must be at least 0 and below 1")
+        require.must(0.0 <= self.obstruction < 1.0, "obstruction", self.obstruction, "at least 0 and below 1")
         if self.shape != "annular" and self.obstruction != 0.0:
             raise ValueError(f"obstruction is {self.obstruction}; a {self.shape} aperture is clear: use shape 'annular'")
         if self.shape == "polygonal":
@@ -142,8 +143,7 @@ def disc_cover(y_edges: FloatArray, x_edges: FloatArray, radius: float = 1.0) ->
     The area left of x and below y is the integral over y of x clipped to the half chord sqrt(R^2 - y^2), known in closed
     form; a cell is its second difference. Error: 2e-16 R^2 over the area of a cell.
     """
-    if not radius > 0.0:
-        raise ValueError(f"radius is {radius}; it must be above 0")
+    require.positive("radius", radius)
     y = np.clip(np.asarray(y_edges, float), -radius, radius)[:, None]
     x = np.asarray(x_edges, float)[None, :]
     inside = np.clip(x, -radius, radius)
@@ -180,10 +180,8 @@ def polygon(blades: int, rotation: float = 0.0, rounding: float = 0.0) -> FloatA
     """
     if not 3 <= blades <= 64 or blades != int(blades):
         raise ValueError(f"blades is {blades}; it must be a whole number from 3 to 64")
-    if not 0.0 <= rounding <= 1.0:
-        raise ValueError(f"rounding is {rounding}; it must be from 0 to 1")
-    if not np.isfinite(rotation):
-        raise ValueError(f"rotation is {rotation}; it must be finite")
+    require.must(0.0 <= rounding <= 1.0, "rounding", rounding, "from 0 to 1")
+    require.must(np.isfinite(rotation), "rotation", rotation, "finite")
     straight = rounding < 1e-9
     pieces = 1 if straight else ceil(_FACETS / blades)
     half = sin(pi / blades)  # of a chord between corners on the unit circle

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 import scipy.fft
 
+from etendue.physics import require
 from etendue.physics.optics.diffraction import circular_otf
 
 SIDE = 128  # samples of the plane on which the point is looked at
@@ -51,8 +52,7 @@ def undershoot(ratio: float) -> tuple[float, float]:
     On a plane of 128 x 128 samples; against 256 x 256 both change by 0.2 %. Exactly 0 from a ratio of 1 on. At the
     samples; between them, where a pixel that is no whole multiple of the spacing looks, a point falls further.
     """
-    if not ratio > 0:
-        raise ValueError(f"ratio is {ratio}; it must be above 0")
+    require.positive("ratio", ratio)
     if ratio >= 1:
         return 0.0, 0.0
     fy, fx = scipy.fft.fftfreq(SIDE)[:, None], scipy.fft.rfftfreq(SIDE)[None, :]

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import eval_jacobi
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Index = Literal["noll", "ansi"]
@@ -193,10 +195,8 @@ def defocus(shift: float, f_number: float, y: Floats, x: Floats) -> Floats:
     1/(16 N_w^2) at the edge: 3.3 % at f/1.4, 0.8 % at f/2.8, 0.1 % at f/8; and after refocusing by 0.25 of that.
     Error: 4e-16 relative.
     """
-    if not f_number > 0.0:
-        raise ValueError(f"f_number is {f_number}; it must be above 0")
-    if not np.isfinite(shift):
-        raise ValueError(f"shift is {shift}; it must be finite, in um")
+    require.positive("f_number", f_number)
+    require.must(np.isfinite(shift), "shift", shift, "finite, in um")
     sine = (np.asarray(y * y + x * x, float)) / (4.0 * f_number * f_number)
     if np.any(sine > 1.0 + 1e-12):
         raise ValueError(f"f_number is {f_number}; an aplanatic pupil reaches to 2 f_number radii, here {2 * f_number:g}")
@@ -211,8 +211,7 @@ def defocus_w020(shift: Floats, f_number: Floats) -> Floats:
     ValueError
         For an f-number that is not above 0.
     """
-    if not np.all(np.asarray(f_number) > 0.0):
-        raise ValueError(f"f_number is {f_number}; it must be above 0")
+    require.positive("f_number", f_number)
     return shift / (8.0 * f_number * f_number)
 
 
@@ -252,8 +251,7 @@ def strehl_ratio(amplitude: FloatArray, path: FloatArray, wavelength: float) -> 
     ValueError
         For a wavelength that is not above 0 and an amplitude that sums to nothing.
     """
-    if not wavelength > 0.0:
-        raise ValueError(f"wavelength is {wavelength}; it must be above 0 um")
+    require.positive("wavelength", wavelength, " um")
     total = float(np.sum(amplitude))
     if not total > 0.0:
         raise ValueError(f"amplitude sums to {total}; it must be above 0")

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from etendue.physics import require
+
 NOTICEABLE = 2.3  # CIE 1976 colour difference just noticed, as Lu and Tan take it from Mahy et al. 1994
 NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
@@ -102,8 +104,7 @@ def _distance(planes: NDArray[np.float64], here: tuple[slice, ...], there: tuple
 
 def _planes(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     picture, reference = np.asarray(picture, np.float64), np.asarray(reference, np.float64)
-    if picture.shape != reference.shape:
-        raise ValueError(f"picture has shape {picture.shape} and reference {reference.shape}; allowed are equal shapes")
+    require.equal_shapes("picture", picture, "reference", reference)
     if picture.size == 0 or not (picture.ndim == 2 or (picture.ndim == 3 and len(picture) == 3)):
         raise ValueError(f"picture has shape {picture.shape}; allowed are (3, y, x), L*a*b*, and (y, x), L*")
     return (picture, reference) if picture.ndim == 3 else (picture[None], reference[None])

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import correlate1d
 
+from etendue.physics import require
+
 WINDOW, SPREAD = 11, 1.5  # of SSIM, pixels: width of the window and standard deviation of its weights
 K1, K2 = 0.01, 0.03
 
@@ -127,8 +129,7 @@ def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _pair(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray, NDArray]:
     picture, reference = np.asarray(picture), np.asarray(reference)
-    if picture.shape != reference.shape:
-        raise ValueError(f"picture has shape {picture.shape} and reference {reference.shape}; allowed are equal shapes")
+    require.equal_shapes("picture", picture, "reference", reference)
     if picture.size == 0:
         raise ValueError(f"picture has shape {picture.shape}; allowed is at least one pixel")
     return picture, reference

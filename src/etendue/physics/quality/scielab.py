@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dctn, idctn
 
+from etendue.physics import require
 from etendue.physics.colour.difference import delta_e_2000, lab
 from etendue.physics.colour.matrices import apply_matrix
 
@@ -144,8 +145,7 @@ def scielab(
     Source: Zhang and Wandell 1996, 1998; with CIEDE2000 after Johnson and Fairchild 2003.
     """
     picture, reference = _picture("xyz", xyz), _picture("reference_xyz", reference_xyz)
-    if picture.shape != reference.shape:
-        raise ValueError(f"xyz has shape {picture.shape} and reference_xyz {reference.shape}; allowed are equal shapes")
+    require.equal_shapes("xyz", picture, "reference_xyz", reference)
     if formula not in ("76", "2000"):
         raise ValueError(f"formula is {formula!r}; allowed are '76' and '2000'")
     one, other = (lab(seen(planes, samples_per_degree, filters), white_xyz) for planes in (picture, reference))
@@ -167,4 +167,4 @@ def _picture(name: str, xyz: ArrayLike) -> NDArray:
     array = np.asarray(xyz)
     if array.ndim != 3 or len(array) != 3 or array.size == 0:
         raise ValueError(f"{name} has shape {array.shape}; allowed is (3, y, x)")
-    return array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float64)
+    return require.floating(array)

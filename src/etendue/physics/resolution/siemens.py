@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics.resolution.crossing import falls_to
 from etendue.physics.resolution.edge_line import FloatArray
 
 NYQUIST = 0.5
@@ -21,7 +22,6 @@ NARROWEST = 1.0  # width of a ring, pixels
 FEWEST = 12  # pixels in a ring for the three numbers fitted to it
 ROUNDS, STILL = 30, 1e-6  # pixels of movement of the centre
 OUTER = 3.0  # times the lowest frequency: the rings that say what the modulation tends to
-NEAR = 0.3  # of a crossing: the frequencies that say where it is
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def star_response(
         raise ValueError("picture shows no star that can be measured; allowed is a star of that many cycles about that centre")
     full = contrast if contrast is not None else _at_zero(frequency, modulation, doubt)
     sfr = modulation / full
-    mtf50, mtf10 = (_falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
+    mtf50, mtf10 = (falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
     return StarResponse(
         frequency, sfr, doubt / full, cycles / (2 * np.pi * frequency), mtf50, mtf10,
         above_nyquist=bool(mtf50 > NYQUIST),
@@ -224,20 +224,3 @@ def _at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -
         raise ValueError("picture shows no star that can be measured without its contrast; allowed is a known contrast")
     weight = modulation[low] / np.maximum(doubt[low], 1e-6)
     return float(np.exp(np.polynomial.polynomial.polyfit(frequency[low], np.log(modulation[low]), 2, w=weight)[0]))
-
-
-def _falls_to(share: float, frequency: FloatArray, sfr: FloatArray, doubt: FloatArray) -> float:
-    """Lowest crossing: found on the rings, then by a weighted cubic through the rings about it."""
-    below = np.flatnonzero(sfr < share)
-    if below.size == 0 or below[0] == 0:
-        return math.nan
-    at = int(below[0])
-    chord = float(frequency[at - 1] + (frequency[at] - frequency[at - 1]) * (sfr[at - 1] - share) / (sfr[at - 1] - sfr[at]))
-    about = np.abs(frequency / chord - 1) < NEAR
-    if about.sum() < 6:
-        return chord
-    weight = 1 / np.maximum(doubt[about], 1e-6)
-    curve = np.polynomial.polynomial.polyfit(frequency[about] / chord - 1, sfr[about] - share, 3, w=weight)
-    roots = np.polynomial.polynomial.polyroots(curve)
-    real = roots.real[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < NEAR)]
-    return chord * (1 + float(real[np.abs(real).argmin()])) if real.size else chord

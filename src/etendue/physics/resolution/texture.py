@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue.physics.resolution.crossing import falls_to
 from etendue.physics.resolution.edge_line import FloatArray
 
 METHODS = ("cross", "power")
@@ -22,7 +23,6 @@ NYQUIST = 0.5
 SMALLEST = 64
 SLOW = 0.2  # cycles/pixel up to which phases tell a shift
 ROUNDS = 5
-NEAR = 0.3  # of a crossing: the frequencies that say where it is
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def texture_response(
     free = 0.5 * number / 1.94  # a Hann window makes 1.94 frequencies along each axis hang together; half are mirrored
     doubt = np.abs(sfr) * np.sqrt((1 - coherence) / np.maximum(2 * coherence * free, 1e-300))
     sfr, frequency, coherence, doubt = (part[1:] for part in (sfr, frequency, coherence, doubt))  # the first holds the mean
-    mtf50, mtf10 = (_falls_to(share, frequency, sfr) for share in (0.5, 0.1))
+    mtf50, mtf10 = (falls_to(share, frequency, sfr) for share in (0.5, 0.1))
     return TextureResponse(frequency, sfr, coherence, doubt, mtf50, mtf10, math.isnan(mtf50), scale, shift)
 
 
@@ -200,19 +200,3 @@ def _shift(cross: np.ndarray, fy: FloatArray, fx: FloatArray, radial: FloatArray
         step = np.linalg.solve(place.T @ (place * weight[:, None]), place.T @ (weight * np.angle(turned))) / (-2 * np.pi)
         shift = shift + step
     return float(shift[0]), float(shift[1])
-
-
-def _falls_to(share: float, frequency: FloatArray, sfr: FloatArray) -> float:
-    """Lowest crossing: found on the rings, then by a cubic through those about it."""
-    below = np.flatnonzero(sfr < share)
-    if below.size == 0 or below[0] == 0:
-        return math.nan
-    at = int(below[0])
-    chord = float(frequency[at - 1] + (frequency[at] - frequency[at - 1]) * (sfr[at - 1] - share) / (sfr[at - 1] - sfr[at]))
-    about = np.abs(frequency / chord - 1) < NEAR
-    if about.sum() < 6:
-        return chord
-    curve = np.polynomial.polynomial.polyfit(frequency[about] / chord - 1, sfr[about] - share, 3)
-    roots = np.polynomial.polynomial.polyroots(curve)
-    real = roots.real[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < NEAR)]
-    return chord * (1 + float(real[np.abs(real).argmin()])) if real.size else chord

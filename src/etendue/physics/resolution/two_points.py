@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.special import j0, j1
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Transfer = Callable[[FloatArray], NDArray]  # (n,) cycles/um -> (n,) or (wavelength, n)
 
@@ -148,8 +150,7 @@ def two_point_saddle(
     Error against the closed form of the Airy disc: 2e-13 of the ratio, for separations up to 4 lambda N.
     """
     places = np.asarray(separation, np.float64)
-    if not (places >= 0).all():
-        raise ValueError(f"separation is {places}; it must be 0 or above")
+    require.must((places >= 0).all(), "separation", places, "0 or above")
     spread = spread_of(otf, highest, weights, kind, nodes)
     found = np.array([_saddle(spread, float(s)) for s in places.ravel()]).reshape(-1, 2)
     return found[:, 0].reshape(places.shape)[()], found[:, 1].reshape(places.shape)[()]

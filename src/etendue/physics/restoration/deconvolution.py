@@ -17,6 +17,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import ArrayLike, NDArray
 
+from etendue.physics import require
 from etendue.physics.light import sampling
 
 OUTER_FREQUENCY = 1 / 256  # cycles/pixel, below which a picture's power spectrum is taken as flat
@@ -104,10 +105,8 @@ def signal_spectrum(fy: ArrayLike, fx: ArrayLike, exponent: float = 2.0, outer: 
     Source: (f^2 + outer^2)^(-exponent/2), integrated in closed form. For pictures: D. J. Field, J. Opt. Soc. Am. A 4
     (1987) 2379.
     """
-    if not 0 <= exponent <= 8:
-        raise ValueError(f"exponent is {exponent!r}; allowed are numbers from 0 to 8")
-    if not 0 < outer < 0.5:
-        raise ValueError(f"outer is {outer!r}; allowed are numbers above 0 and below 0.5 cycles/pixel")
+    require.allowed(0 <= exponent <= 8, "exponent", exponent, "numbers from 0 to 8")
+    require.allowed(0 < outer < 0.5, "outer", outer, "numbers above 0 and below 0.5 cycles/pixel")
     squared = np.asarray(fy, dtype=float) ** 2 + np.asarray(fx, dtype=float) ** 2 + outer**2
     low, high = outer**2, 0.25 + outer**2
     power = 1 - 0.5 * exponent
@@ -123,8 +122,7 @@ def limited(gain: NDArray, largest: float) -> NDArray:
     ValueError
         If largest is not above 0.
     """
-    if not largest > 0:
-        raise ValueError(f"largest is {largest!r}; allowed are numbers above 0")
+    require.allowed(largest > 0, "largest", largest, "numbers above 0")
     if math.isinf(largest):
         return gain
     size = np.abs(gain)
@@ -288,8 +286,7 @@ def richardson_lucy(
     planes = _floating(planes)
     if planes.ndim != 3:
         raise ValueError(f"planes has shape {planes.shape}; allowed is (channel, y, x)")
-    if not 0 <= pedestal < math.inf:
-        raise ValueError(f"pedestal is {pedestal!r}; allowed are finite numbers at or above 0")
+    require.amount("pedestal", pedestal)
     transfer = np.broadcast_to(_on_padded(planes, transfer, "transfer"), (planes.shape[0], *transfer.shape[-2:]))
     limits = np.broadcast_to(np.asarray(residual, dtype=float), planes.shape[:1])
     result, done = np.empty_like(planes), np.empty(planes.shape[0])
@@ -332,8 +329,7 @@ def richardson_lucy_response(transfer: ArrayLike, iterations: float, start: str 
     Source: with x = c (1 + e), y = c (1 + d) the iteration is e <- e + H^T (d - H e) to first order, which is Landweber's.
     The sum of powers is taken as -expm1(n log1p(-|H|^2)) / |H|^2.
     """
-    if not 0 <= iterations < math.inf:
-        raise ValueError(f"iterations is {iterations!r}; allowed are finite numbers at or above 0")
+    require.amount("iterations", iterations)
     transfer = np.asarray(transfer)
     square = transfer.real.astype(float) ** 2 + transfer.imag.astype(float) ** 2
     if not np.all(square < 2):
@@ -370,17 +366,15 @@ def _check_iterations(iterations: int, total_variation: float, residual: float, 
         raise ValueError(f"start is {start!r}; allowed are 'mean' and 'data'")
     if iterations < 1 or iterations != int(iterations):
         raise ValueError(f"iterations is {iterations!r}; allowed are whole numbers from 1")
-    if not 0 <= total_variation <= 0.2:
-        raise ValueError(f"total_variation is {total_variation!r}; allowed are numbers from 0 to 0.2")
-    if not 0 <= residual < math.inf:
-        raise ValueError(f"residual is {residual!r}; allowed are finite numbers at or above 0")
+    require.allowed(0 <= total_variation <= 0.2, "total_variation", total_variation, "numbers from 0 to 0.2")
+    require.amount("residual", residual)
 
 
 def _floating(planes: NDArray) -> NDArray:
     planes = np.asarray(planes)
     if planes.ndim < 2:
         raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
-    return planes if np.issubdtype(planes.dtype, np.floating) else planes.astype(np.float64)
+    return require.floating(planes)
 
 
 def _on_padded(planes: NDArray, values: NDArray, name: str) -> NDArray:

@@ -11,11 +11,11 @@ because it takes five box means whatever the window, is linear in each window an
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+
+from etendue.physics import require
 
 
 def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strength: float = 1.0) -> NDArray:
@@ -55,12 +55,10 @@ def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strengt
     if planes.ndim < 2:
         raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
     for name, value in (("shot", shot), ("floor", floor), ("strength", strength)):
-        if not 0 <= value < math.inf:
-            raise ValueError(f"{name} is {value!r}; allowed are finite numbers at or above 0")
+        require.amount(name, value)
     if radius < 1 or radius != int(radius):
         raise ValueError(f"radius is {radius!r}; allowed are whole numbers from 1")
-    if not np.issubdtype(planes.dtype, np.floating):
-        planes = planes.astype(np.float64)
+    planes = require.floating(planes)
     shot, floor = shot * strength**2, floor * strength**2
     result = np.array(planes)
     if shot == 0 == floor:

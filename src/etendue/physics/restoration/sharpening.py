@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from etendue.physics import require
+
 LAPLACIAN = np.array([[-1.0, -1.0, -1.0], [-1.0, 8.0, -1.0], [-1.0, -1.0, -1.0]])
 LAPLACIAN.setflags(write=False)
 
@@ -201,7 +203,7 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     planes = np.asarray(planes)
     if planes.ndim < 2:
         raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
-    amount, threshold = _at_least_zero("amount", amount), _at_least_zero("threshold", threshold)
+    amount, threshold = require.amount("amount", amount), require.amount("threshold", threshold)
     taps = gaussian_taps(radius)
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
@@ -233,8 +235,7 @@ def gaussian_taps(radius: float) -> NDArray:
         If radius is not allowed.
     """
     radius = float(radius)
-    if not 0 < radius <= 1000:
-        raise ValueError(f"radius is {radius!r}; allowed are numbers above 0 and at most 1000 pixel")
+    require.allowed(0 < radius <= 1000, "radius", radius, "numbers above 0 and at most 1000 pixel")
     reach = max(math.ceil(4 * radius), 1)
     with np.errstate(over="ignore"):  # of a radius that is next to nothing
         taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / radius) ** 2)
@@ -260,7 +261,7 @@ def unsharp_response(fy: ArrayLike, fx: ArrayLike, radius: float, amount: float)
     ValueError
         If radius or amount is not allowed.
     """
-    amount, taps = _at_least_zero("amount", amount), gaussian_taps(radius)
+    amount, taps = require.amount("amount", amount), gaussian_taps(radius)
     side = taps[taps.size // 2 + 1 :]
     steps = np.arange(1, side.size + 1)
 
@@ -290,7 +291,7 @@ def unsharp_noise_gain(radius: float, amount: float) -> float:
     ValueError
         If radius or amount is not allowed.
     """
-    amount, taps = _at_least_zero("amount", amount), gaussian_taps(radius)
+    amount, taps = require.amount("amount", amount), gaussian_taps(radius)
     middle, square = float(taps[taps.size // 2]), float(taps @ taps)
     # the sum of squared taps, with what cancels taken together: (1 + a - a g0^2)^2 + a^2 (s^2 - g0^4)
     return math.hypot(1 + amount * (1 - middle**2), amount * math.sqrt(max(square**2 - middle**4, 0.0)))
@@ -312,11 +313,4 @@ def _second_difference(values: NDArray, axis: int, out: NDArray | None = None) -
 
 
 def _strength(strength: float) -> float:
-    return _at_least_zero("strength", strength)
-
-
-def _at_least_zero(name: str, value: float) -> float:
-    value = float(value)
-    if not 0 <= value < math.inf:
-        raise ValueError(f"{name} is {value!r}; allowed are finite numbers at or above 0")
-    return value
+    return require.amount("strength", strength)

@@ -5,14 +5,13 @@ Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the ra
 Sources: ISO 12233 (slanted edge, star, wedge), Loebich et al. (2007) (sinusoidal star); Gaussian softening
 in closed form.
 
-``softness`` is the rms width sigma (um) of the Gaussian with which the ideal chart is convolved, so that the
-chart's own transfer is exp(-2 pi^2 sigma^2 f^2) and can be divided out of a measurement; 0 leaves it ideal.
-The convolution is exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For
+All charts take positions and how they are to be ``Drawn``, and raise ``ValueError`` for an argument outside its range.
+Softening is exact for straight edges and Gaussian spots: slanted edge, step wedge, points, patches. For
 the star and the zone plate it is the transfer at the local frequency, and the rim is softened as if it were
 straight; each docstring gives the error against the exact convolution.
-
-``cell`` is the side of a grid cell (um) over which every value is the mean; 0 gives values at points.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -53,14 +52,36 @@ def require_positive(**lengths: float) -> None:
             raise ValueError(f"{name} must be finite and above 0, got {value}")
 
 
-def require_softness(softness: float) -> None:
-    if not 0 <= softness < np.inf:
-        raise ValueError(f"softness must be finite and not negative, got {softness} um")
+@dataclass(frozen=True)
+class Drawn:
+    """How a chart is drawn: how soft, as samples or as means, and between which reflectances.
 
+    Attributes
+    ----------
+    softness : float, um
+        Rms width sigma of the Gaussian with which the ideal chart is convolved, so that the chart's own transfer is
+        exp(-2 pi^2 sigma^2 f^2) and can be divided out of a measurement; 0 leaves it ideal.
+    cell : float, um
+        Side of a grid cell over which every value is the mean; 0 gives values at points.
+    low, high : float, reflectance, 0 <= low <= high
+        Of the darkest and the lightest part, before softening.
+    """
 
-def require_cell(cell: float) -> None:
-    if not 0 <= cell < np.inf:
-        raise ValueError(f"cell must be finite and not negative, got {cell} um")
+    softness: float
+    cell: float = 0.0
+    low: float = 0.0
+    high: float = 1.0
+
+    def __post_init__(self) -> None:
+        require_levels(self.low, self.high)
+        for name, value in (("softness", self.softness), ("cell", self.cell)):
+            if not 0 <= value < np.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {value} um")
+
+    def blend(self, fraction: FloatArray) -> FloatArray:
+        """low where fraction is 0, high where it is 1; never beyond, whatever the rounding."""
+        low, high = float(self.low), float(self.high)  # numpy scalars would lift float32 positions to float64
+        return np.clip(low + (high - low) * fraction, low, high)
 
 
 def soft_step(distance: FloatArray, softness: float, cell: float = 0.0) -> FloatArray:
@@ -80,25 +101,10 @@ def soft_box(position: FloatArray, start: float, stop: float, softness: float, c
     return np.maximum(rise - fall, 0)
 
 
-def blend(low: float, high: float, fraction: FloatArray) -> FloatArray:
-    """low where fraction is 0, high where it is 1; never beyond, whatever the rounding."""
-    low, high = float(low), float(high)  # numpy scalars would lift float32 positions to float64
-    return np.clip(low + (high - low) * fraction, low, high)
-
-
 # ------------------------------------------------------------------------------------------------ charts
 
 
-def slanted_edge(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    angle_deg: float,
-    low: float,
-    high: float,
-    softness: float,
-    offset: float = 0.0,
-    cell: float = 0.0,
-) -> FloatArray:
+def slanted_edge(y: npt.ArrayLike, x: npt.ArrayLike, angle_deg: float, drawn: Drawn, offset: float = 0.0) -> FloatArray:
     """A straight edge, dark on the left and light on the right.
 
     Parameters
@@ -106,51 +112,32 @@ def slanted_edge(
     y, x : (ny,), (nx,) arrays, um
     angle_deg : float, degrees, between -90 and 90
         Tilt from the column direction: the edge is the line x = offset + y tan(angle).
-    low, high : float, reflectance, 0 <= low <= high
-    softness : float, um
+    drawn : Drawn
     offset : float, um
         Where the edge crosses y = 0.
-    cell : float, um
 
     Returns
     -------
     (ny, nx) array, reflectance
 
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
-
     Notes
     -----
-    Exact: along the normal the profile is the integral of a Gaussian of rms width ``softness``. Means over cells are
+    Exact: along the normal the profile is the integral of a Gaussian of rms width softness. Means over cells are
     exact too: for a hard edge, the area of the half plane in each square.
     """
     y, x = require_axes(y, x)
-    require_levels(low, high)
-    require_softness(softness)
-    require_cell(cell)
     if not -90 < angle_deg < 90:
         raise ValueError(f"angle_deg must lie between -90 and 90 degrees, got {angle_deg}")
     if not np.isfinite(offset):
         raise ValueError(f"offset must be finite, got {offset} um")
     angle = np.deg2rad(float(angle_deg))
     distance = (x - float(offset)) * float(np.cos(angle)) - y[:, None] * float(np.sin(angle))
-    if cell > 0:
-        return blend(low, high, cell_means.half_plane_mean(distance, float(angle), softness, cell))
-    return blend(low, high, soft_step(distance, softness))
+    if drawn.cell > 0:
+        return drawn.blend(cell_means.half_plane_mean(distance, float(angle), drawn.softness, drawn.cell))
+    return drawn.blend(soft_step(distance, drawn.softness))
 
 
-def siemens_star(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    cycles: int,
-    radius: float,
-    low: float,
-    high: float,
-    softness: float,
-    cell: float = 0.0,
-) -> FloatArray:
+def siemens_star(y: npt.ArrayLike, x: npt.ArrayLike, cycles: int, radius: float, drawn: Drawn) -> FloatArray:
     """A star whose reflectance is a sinusoid of the angle; mid-grey beyond its radius.
 
     Parameters
@@ -159,17 +146,11 @@ def siemens_star(
     cycles : int, above 0
         Periods in one turn. Light along the positive x axis.
     radius : float, um, above 0
-    low, high : float, reflectance, 0 <= low <= high
-    softness, cell : float, um
+    drawn : Drawn
 
     Returns
     -------
     (ny, nx) array, reflectance; (low + high) / 2 at the centre
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
 
     Notes
     -----
@@ -179,37 +160,25 @@ def siemens_star(
     ``cell_means.averaged``.
     """
     y, x = require_axes(y, x)
-    require_levels(low, high)
     require_positive(cycles=cycles, radius=radius)
-    require_softness(softness)
-    require_cell(cell)
     if cycles != int(cycles):
         raise ValueError(f"cycles must be a whole number, or the star has a seam; got {cycles}")
 
     def wave(v: FloatArray, u: FloatArray) -> FloatArray:
         distance, angle = np.hypot(v, u), np.arctan2(v, u)
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            contrast = np.exp(-0.5 * (float(softness) * int(cycles) / distance) ** 2)
+            contrast = np.exp(-0.5 * (float(drawn.softness) * int(cycles) / distance) ** 2)
         contrast = np.where(distance > 0, contrast, 0)
-        return np.cos(int(cycles) * angle) * contrast * soft_step(float(radius) - distance, softness)
+        return np.cos(int(cycles) * angle) * contrast * soft_step(float(radius) - distance, drawn.softness)
 
-    return blend(low, high, 0.5 + 0.5 * _painted(wave, y, x, cell))
+    return drawn.blend(0.5 + 0.5 * _painted(wave, y, x, drawn.cell))
 
 
 def _painted(paint: cell_means.Paint, y: FloatArray, x: FloatArray, cell: float) -> FloatArray:
     return cell_means.averaged(paint, y, x, cell) if cell > 0 else paint(y[:, None], x[None, :])
 
 
-def zone_plate(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    highest_frequency: float,
-    radius: float,
-    low: float,
-    high: float,
-    softness: float,
-    cell: float = 0.0,
-) -> FloatArray:
+def zone_plate(y: npt.ArrayLike, x: npt.ArrayLike, highest_frequency: float, radius: float, drawn: Drawn) -> FloatArray:
     """Rings whose frequency grows in proportion to the distance from the centre; mid-grey beyond the radius.
 
     Parameters
@@ -218,17 +187,11 @@ def zone_plate(
     highest_frequency : float, cycles/um, above 0
         Local frequency at ``radius``. The plate is light in its centre.
     radius : float, um, above 0
-    low, high : float, reflectance, 0 <= low <= high
-    softness, cell : float, um
+    drawn : Drawn
 
     Returns
     -------
     (ny, nx) array, reflectance
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
 
     Notes
     -----
@@ -240,30 +203,19 @@ def zone_plate(
     ``cell_means.averaged``.
     """
     y, x = require_axes(y, x)
-    require_levels(low, high)
     require_positive(highest_frequency=highest_frequency, radius=radius)
-    require_softness(softness)
-    require_cell(cell)
 
     def wave(v: FloatArray, u: FloatArray) -> FloatArray:
         squared = v**2 + u**2
         frequency = highest_frequency / radius * np.sqrt(squared)
-        contrast = np.exp(-2.0 * (np.pi * softness * frequency) ** 2)
-        return np.cos(np.pi * highest_frequency / radius * squared) * contrast * soft_step(radius - np.sqrt(squared), softness)
+        contrast = np.exp(-2.0 * (np.pi * drawn.softness * frequency) ** 2)
+        return np.cos(np.pi * highest_frequency / radius * squared) * contrast * soft_step(radius - np.sqrt(squared), drawn.softness)
 
-    found = _painted(wave, y.astype(np.float64), x.astype(np.float64), cell)
-    return blend(low, high, (0.5 + 0.5 * found).astype(x.dtype))
+    found = _painted(wave, y.astype(np.float64), x.astype(np.float64), drawn.cell)
+    return drawn.blend((0.5 + 0.5 * found).astype(x.dtype))
 
 
-def step_wedge(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    levels: npt.ArrayLike,
-    width: float,
-    height: float,
-    softness: float,
-    cell: float = 0.0,
-) -> FloatArray:
+def step_wedge(y: npt.ArrayLike, x: npt.ArrayLike, levels: npt.ArrayLike, width: float, height: float, drawn: Drawn) -> FloatArray:
     """Vertical bars of equal width, one for each level from left to right.
 
     Parameters
@@ -272,16 +224,12 @@ def step_wedge(
     levels : (k,) array, reflectance, not negative
     width, height : float, um, above 0
         Of all bars together. Beyond them the reflectance is the mean of the levels.
-    softness, cell : float, um
+    drawn : Drawn
+        But for its low and high, which are those of the levels.
 
     Returns
     -------
     (ny, nx) array, reflectance
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
 
     Notes
     -----
@@ -289,8 +237,6 @@ def step_wedge(
     """
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
-    require_softness(softness)
-    require_cell(cell)
     level = np.asarray(levels, dtype=x.dtype)
     if level.ndim != 1 or level.size == 0 or not np.all(np.isfinite(level)) or np.any(level < 0):
         raise ValueError(f"levels must be one row of finite reflectances, none negative, got {levels!r}")
@@ -298,21 +244,12 @@ def step_wedge(
     mean = level.mean(dtype=np.float64).astype(x.dtype)
     profile = np.zeros_like(x)
     for value, start, stop in zip(level, borders[:-1], borders[1:], strict=True):
-        profile = profile + (value - mean) * soft_box(x, start, stop, softness, cell)
-    across = soft_box(y, -0.5 * height, 0.5 * height, softness, cell)
+        profile = profile + (value - mean) * soft_box(x, start, stop, drawn.softness, drawn.cell)
+    across = soft_box(y, -0.5 * height, 0.5 * height, drawn.softness, drawn.cell)
     return np.clip(mean + across[:, None] * profile, level.min(), level.max())
 
 
-def points(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    spacing: float,
-    spot_sigma: float,
-    background: float,
-    peak: float,
-    softness: float = 0.0,
-    cell: float = 0.0,
-) -> FloatArray:
+def points(y: npt.ArrayLike, x: npt.ArrayLike, spacing: float, spot_sigma: float, drawn: Drawn) -> FloatArray:
     """A square grid of light Gaussian spots, one of them in the centre.
 
     Parameters
@@ -322,20 +259,13 @@ def points(
         Between neighbours; at least six times the softened rms width, so that spots stay apart.
     spot_sigma : float, um, above 0
         Rms width of a spot before softening.
-    background, peak : float, reflectance, 0 <= background <= peak
-        Around the spots, and in their centres before softening.
-    softness : float, um
-    cell : float, um, up to ``spacing``
+    drawn : Drawn
+        low around the spots, high in their centres; cells up to ``spacing``.
 
     Returns
     -------
     (ny, nx) array, reflectance
         Spots lie at whole multiples of ``spacing`` inside the frame that y and x span.
-
-    Raises
-    ------
-    ValueError
-        An argument outside its range.
 
     Notes
     -----
@@ -344,16 +274,13 @@ def points(
     are exact too, however narrow the spot.
     """
     y, x = require_axes(y, x)
-    require_levels(background, peak)
     require_positive(spacing=spacing, spot_sigma=spot_sigma)
-    require_softness(softness)
-    spacing, rms_width = float(spacing), float(np.hypot(spot_sigma, softness))
+    spacing, rms_width = float(spacing), float(np.hypot(spot_sigma, drawn.softness))
     require_spot_distance(spacing, rms_width)
-    require_cell(cell)
-    if cell > spacing:
-        raise ValueError(f"cell must be at most the spacing, {spacing} um, got {cell} um")
-    fraction = _row_of_spots(y, spacing, rms_width, cell)[:, None] * _row_of_spots(x, spacing, rms_width, cell)
-    return blend(background, peak, float(spot_sigma / rms_width) ** 2 * fraction)
+    if drawn.cell > spacing:
+        raise ValueError(f"cell must be at most the spacing, {spacing} um, got {drawn.cell} um")
+    fraction = _row_of_spots(y, spacing, rms_width, drawn.cell)[:, None] * _row_of_spots(x, spacing, rms_width, drawn.cell)
+    return drawn.blend(float(spot_sigma / rms_width) ** 2 * fraction)
 
 
 def _row_of_spots(position: FloatArray, spacing: float, rms_width: float, cell: float) -> FloatArray:

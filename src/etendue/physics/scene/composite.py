@@ -7,8 +7,7 @@ Sources: X-Rite ColorChecker Classic (4 x 6 patches), ISO 12233 (tilted square);
 form.
 
 Coverages and grey add up to at most 1 everywhere, so spectra within [0, 1] give a scene within [0, 1].
-``softness`` is the rms width of the Gaussian that softens the ideal chart and ``cell`` the side of the grid cells over which
-values are means, as in ``charts``.
+Charts are ``Drawn`` as in ``charts``.
 """
 
 from collections.abc import Callable
@@ -18,18 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from etendue.physics.scene.cell_means import closely, half_plane_mean
-from etendue.physics.scene.charts import (
-    blend,
-    require_axes,
-    require_cell,
-    require_levels,
-    require_positive,
-    require_softness,
-    siemens_star,
-    soft_box,
-    step_wedge,
-    zone_plate,
-)
+from etendue.physics.scene.charts import Drawn, require_axes, require_positive, siemens_star, soft_box, step_wedge, zone_plate
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -65,15 +53,7 @@ class Composite(NamedTuple):
 
 
 def patches_factors(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    rows: int,
-    columns: int,
-    width: float,
-    height: float,
-    gap: float,
-    softness: float,
-    cell: float = 0.0,
+    y: npt.ArrayLike, x: npt.ArrayLike, rows: int, columns: int, width: float, height: float, gap: float, drawn: Drawn
 ) -> tuple[FloatArray, FloatArray]:
     """Coverage of a grid of rectangular patches, as factors along y and x.
 
@@ -85,7 +65,7 @@ def patches_factors(
         Of the whole grid, from the first patch's outer border to the last's.
     gap : float, um
         Between neighbours, in both directions; the gaps leave room for patches.
-    softness, cell : float, um
+    drawn : Drawn
 
     Returns
     -------
@@ -103,17 +83,10 @@ def patches_factors(
     """
     y, x = require_axes(y, x)
     require_positive(width=width, height=height)
-    require_softness(softness)
-    require_cell(cell)
-    return (
-        _profile(y, "rows", rows, "height", height, gap, softness, cell),
-        _profile(x, "columns", columns, "width", width, gap, softness, cell),
-    )
+    return _profile(y, "rows", rows, "height", height, gap, drawn), _profile(x, "columns", columns, "width", width, gap, drawn)
 
 
-def _profile(
-    position: FloatArray, what: str, count: int, along: str, length: float, gap: float, softness: float, cell: float
-) -> FloatArray:
+def _profile(position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Drawn) -> FloatArray:
     if count != int(count) or count < 1:
         raise ValueError(f"{what} must be a whole number above 0, got {count}")
     count = int(count)
@@ -122,19 +95,11 @@ def _profile(
         room = f"leave room for {count} {what} in {along}={length} um"
         raise ValueError(f"gap must be at least 0 and {room}, got {gap}")
     starts = [-0.5 * length + index * (size + gap) for index in range(count)]
-    return np.stack([soft_box(position, start, start + size, softness, cell) for start in starts])
+    return np.stack([soft_box(position, start, start + size, drawn.softness, drawn.cell) for start in starts])
 
 
 def patches(
-    y: npt.ArrayLike,
-    x: npt.ArrayLike,
-    rows: int,
-    columns: int,
-    width: float,
-    height: float,
-    gap: float,
-    softness: float,
-    cell: float = 0.0,
+    y: npt.ArrayLike, x: npt.ArrayLike, rows: int, columns: int, width: float, height: float, gap: float, drawn: Drawn
 ) -> FloatArray:
     """Coverage of a grid of rectangular patches, one plane for each.
 
@@ -146,7 +111,7 @@ def patches(
         Row by row from the smallest y and x. The sum over patches is at most 1; ``background_weight`` is the
         rest.
     """
-    rows_profile, columns_profile = patches_factors(y, x, rows, columns, width, height, gap, softness, cell)
+    rows_profile, columns_profile = patches_factors(y, x, rows, columns, width, height, gap, drawn)
     planes = rows_profile[:, None, :, None] * columns_profile[None, :, None, :]
     return planes.reshape(-1, *planes.shape[2:])
 
@@ -232,15 +197,12 @@ def composite(
     x: npt.ArrayLike,
     width: float,
     height: float,
-    softness: float,
+    drawn: Drawn,
     *,
     highest_frequency: float,
-    low: float = 0.05,
-    high: float = 0.9,
     angle_deg: float = 5.0,
     cycles: int = 36,
     steps: int = 8,
-    cell: float = 0.0,
 ) -> Composite:
     """Colour patches, slanted edges, star, zone plate and grey steps in one frame.
 
@@ -249,17 +211,16 @@ def composite(
     y, x : (ny,), (nx,) arrays, um
     width, height : float, um, above 0
         Of the whole chart; ``composite_regions`` gives its parts. Beyond them all is (low + high) / 2.
-    softness : float, um
+    drawn : Drawn
+        high at most 1.
     highest_frequency : float, cycles/um, above 0
         Of the zone plate, at its rim.
-    low, high : float, reflectance, 0 <= low <= high <= 1
     angle_deg : float, degrees, from -10 to 10
         Tilt of the squares: a dark one inside a light one, each edge straight for the slanted-edge method.
     cycles : int, above 0
         Of the star.
     steps : int, above 1
         Of the wedge, evenly spaced from low to high.
-    cell : float, um
 
     Returns
     -------
@@ -273,15 +234,13 @@ def composite(
     Notes
     -----
     All panels stand on one grey, the mean of each, so there are no seams between regions; what borders there
-    are have the profile of ``softness``. Squares, wedge and patches are exact convolutions, corners included,
-    as long as panels lie many ``softness`` apart (they keep a tenth of a panel between them); star and zone
+    are have the profile of the softness. Squares, wedge and patches are exact convolutions, corners included,
+    as long as panels lie many softnesses apart (they keep a tenth of a panel between them); star and zone
     plate are local approximations, see ``charts``. Means over cells are exact but in the corners of the tilted squares
     (hard: below 0.01 in eight cells) and within the star and the zone plate, which are quadratures.
     """
     y, x = require_axes(y, x)
-    require_levels(low, high)
-    require_softness(softness)
-    require_cell(cell)
+    low, high = drawn.low, drawn.high
     if high > 1:
         raise ValueError(f"high must be at most 1, got {high}")
     if not -10 <= angle_deg <= 10:
@@ -294,13 +253,13 @@ def composite(
     radius, wedge = 0.5 * FILL * panel, regions["wedge"]
     levels = np.linspace(low, high, int(steps))
     painters: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
-        "squares": lambda v, u: _tilted_squares(v, u, panel, angle_deg, low, high, softness, cell),
-        "star": lambda v, u: siemens_star(v, u, cycles, radius, low, high, softness, cell),
-        "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, low, high, softness, cell),
-        "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, softness, cell),
+        "squares": lambda v, u: _tilted_squares(v, u, panel, angle_deg, drawn),
+        "star": lambda v, u: siemens_star(v, u, cycles, radius, drawn),
+        "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, drawn),
+        "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, drawn),
     }
     # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels is free.
-    reach = TAIL * float(softness) + 0.05 * panel + float(cell)
+    reach = TAIL * float(drawn.softness) + 0.05 * panel + float(drawn.cell)
     background = 0.5 * (float(low) + float(high))  # also of each panel: beyond its borders it adds nothing
     grey = np.full((y.size, x.size), background, dtype=x.dtype)
     for name, paint in painters.items():
@@ -309,7 +268,7 @@ def composite(
         if inside_y.size and inside_x.size:
             y_centre, x_centre = _centre(regions[name])
             grey[np.ix_(inside_y, inside_x)] += paint(y[inside_y] - y_centre, x[inside_x] - x_centre) - background
-    rows, columns = _patch_profiles(y, x, regions["patches"], softness, cell)
+    rows, columns = _patch_profiles(y, x, regions["patches"], drawn)
     return Composite(np.clip(grey, float(low), float(high)) * background_weight(rows, columns), rows, columns)
 
 
@@ -321,13 +280,11 @@ def _centre(region: Region) -> tuple[float, float]:
     return 0.5 * (region.top + region.bottom), 0.5 * (region.left + region.right)
 
 
-def _tilted_squares(
-    y: FloatArray, x: FloatArray, panel: float, angle_deg: float, low: float, high: float, softness: float, cell: float = 0.0
-) -> FloatArray:
+def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Drawn) -> FloatArray:
     """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
     angle = np.deg2rad(float(angle_deg))
-    outer, inner = (_square(y, x, angle, side * panel, softness, cell) for side in (OUTER_SQUARE, INNER_SQUARE))
-    return blend(low, high, 0.5 + 0.5 * outer - inner)
+    outer, inner = (_square(y, x, angle, side * panel, drawn.softness, drawn.cell) for side in (OUTER_SQUARE, INNER_SQUARE))
+    return drawn.blend(0.5 + 0.5 * outer - inner)
 
 
 def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: float, cell: float) -> FloatArray:
@@ -355,8 +312,8 @@ def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: f
     return covered
 
 
-def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, softness: float, cell: float) -> tuple[FloatArray, FloatArray]:
+def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, drawn: Drawn) -> tuple[FloatArray, FloatArray]:
     width, height = region.right - region.left, region.bottom - region.top
     gap = GAP * min(width / PATCH_COLUMNS, height / PATCH_ROWS)
     y_centre, x_centre = _centre(region)
-    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, softness, cell)
+    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, drawn)

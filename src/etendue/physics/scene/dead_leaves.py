@@ -4,8 +4,7 @@ In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the
 Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
 Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a target of texture.
 
-``softness`` is the rms width (um) of the Gaussian with which the ideal chart is convolved, ``cell`` the side of the grid
-cells over which values are means, as in ``charts``. The discs belong to the chart, not to the grid: a finer grid, or another
+``softness`` and ``cell`` are those of ``charts.Drawn``. The discs belong to the chart, not to the grid: a finer grid, or another
 softness, shows the same leaves.
 """
 
@@ -19,15 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from etendue.physics.scene.cell_means import step_mean
-from etendue.physics.scene.charts import (
-    FloatArray,
-    require_axes,
-    require_cell,
-    require_levels,
-    require_positive,
-    require_softness,
-    soft_step,
-)
+from etendue.physics.scene.charts import Drawn, FloatArray, require_axes, require_levels, require_positive, soft_step
 
 LAYERS = 9.0  # mean number of discs above a point: exp(-9) of the plane is left to the mean grey
 TILE = 96  # positions painted at once along each axis
@@ -141,8 +132,7 @@ def dead_leaves(y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: flo
     2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
     """
     y, x = require_axes(y, x)
-    require_softness(softness)
-    require_cell(cell)
+    Drawn(softness, cell)  # their ranges
     if not (oversampling == int(oversampling) and 1 <= oversampling <= 32):
         raise ValueError(f"oversampling must be a whole number from 1 to 32, got {oversampling}")
     steps = np.concatenate([np.abs(np.diff(axis)) for axis in (y, x)])

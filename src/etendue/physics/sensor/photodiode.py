@@ -17,6 +17,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue.physics import require
+
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Back = Literal["absorbing", "reflecting"]
@@ -48,8 +50,7 @@ def aperture_otf(frequency: Floats, width: float) -> Floats:
     not a transfer function, and without the modulus. Error: below 3e-16 (float64) and 2e-7 (float32)
     absolute.
     """
-    if not 0.0 <= width < np.inf:
-        raise ValueError(f"width is {width}; it must be finite and 0 or above, in um")
+    require.must(0.0 <= width < np.inf, "width", width, "finite and 0 or above, in um")
     return np.sinc(frequency * float(width))
 
 
@@ -100,7 +101,7 @@ def collection(
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if absorption == 0.0:
-        return np.zeros_like(_floating(frequency))[()]
+        return np.zeros_like(require.floating(frequency))[()]
     return np.minimum(float(absorption) * _collection_per_absorption(frequency, *diode), 1.0)
 
 
@@ -132,10 +133,10 @@ def collection_mtf(
     """
     diode = _diode(absorption, depletion, diffusion_depth, diffusion_length, back)
     if depletion == np.inf:
-        return np.ones_like(_floating(frequency))[()]
+        return np.ones_like(require.floating(frequency))[()]
     at_zero = float(_collection_per_absorption(0.0, *diode))
     if at_zero == np.inf:  # weak absorption, endless depth and life: all charge comes from infinitely far
-        return np.where(np.asarray(frequency) == 0.0, 1.0, np.zeros_like(_floating(frequency)))[()]
+        return np.where(np.asarray(frequency) == 0.0, 1.0, np.zeros_like(require.floating(frequency)))[()]
     ratio = np.minimum(_collection_per_absorption(frequency, *diode) / at_zero, 1.0)
     return np.where(np.asarray(frequency) == 0.0, np.ones_like(ratio), ratio)[()]
 
@@ -234,13 +235,10 @@ def _slopes(values: FloatArray) -> FloatArray:
 
 def _diode(absorption: float, depletion: float, depth: float, length: float, back: Back) -> tuple[float, float, float, float, Back]:
     """The checked parameters as plain floats, which leave the precision to the frequencies."""
-    if not 0.0 <= absorption < np.inf:
-        raise ValueError(f"absorption is {absorption}; it must be finite and 0 or above, in 1/um")
+    require.must(0.0 <= absorption < np.inf, "absorption", absorption, "finite and 0 or above, in 1/um")
     for name, value in (("depletion", depletion), ("diffusion_depth", depth)):
-        if not value >= 0.0:
-            raise ValueError(f"{name} is {value}; it must be 0 or above, in um")
-    if not length > 0.0:
-        raise ValueError(f"diffusion_length is {length}; it must be above 0 um")
+        require.must(value >= 0.0, name, value, "0 or above, in um")
+    require.positive("diffusion_length", length, " um")
     if depletion + depth == 0.0:
         raise ValueError("depletion and diffusion_depth are both 0; a photodiode needs some thickness")
     if back not in ("absorbing", "reflecting"):
@@ -248,14 +246,9 @@ def _diode(absorption: float, depletion: float, depth: float, length: float, bac
     return float(absorption), float(depletion), float(depth), float(length), back
 
 
-def _floating(values: Floats) -> FloatArray:
-    values = np.asarray(values)
-    return values if np.issubdtype(values.dtype, np.floating) else values.astype(float)
-
-
 def _collection_per_absorption(frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str) -> Floats:
     """D(f)/alpha in um, which has a limit at alpha = 0."""
-    frequency = _floating(frequency)
+    frequency = require.floating(frequency)
     # as a product it would be a subnormal number of few digits, and the quotient wrong by per cents
     weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
     depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption

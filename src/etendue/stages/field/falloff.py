@@ -14,22 +14,16 @@ import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, measured, param
 from etendue.physics.light import radiometry
-from etendue.stages.field.illumination import by_curves, farthest, nearest
+from etendue.stages.field.illumination import Dimming, by_curves, farthest, nearest
 from etendue.stages.field.tables import FieldTable, field_table
-from etendue.stages.optics.conjugates import Conjugates
 
 
 @dataclass(frozen=True, kw_only=True)
-class Falloff(Conjugates, Banded, Bounded):
+class Falloff(Dimming, Banded, Bounded):
     """Less light off the axis: cos4, the exact Lambertian disc, or a table of relative illumination."""
 
     role: ClassVar = "falloff"
     once: ClassVar = ("fall-off",)
-    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    pointwise: ClassVar = True
-    gain: ClassVar = 1.0
-    negative: ClassVar = "keep"
     nanoseconds: ClassVar = 2.0
     error: ClassVar = measured(2e-7, 4e-15)
 

@@ -50,18 +50,24 @@ def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vignetting(Conjugates, Banded, Bounded):
+class Dimming(Conjugates):
+    """What weakens the light from place to place, and does nothing else to it."""
+
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    pointwise: ClassVar = True
+    gain: ClassVar = 1.0
+    negative: ClassVar = "keep"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vignetting(Dimming, Banded, Bounded):
     """A round rim in front of the entrance pupil cuts oblique beams: the overlap of two discs, less of it when stopped down.
 
     It multiplies whatever fall-off stands beside it.
     """
 
     role: ClassVar = "vignetting"
-    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    pointwise: ClassVar = True
-    gain: ClassVar = 1.0
-    negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
     error: ClassVar = measured(2e-7, 1e-14)
 
@@ -100,16 +106,11 @@ class Vignetting(Conjugates, Banded, Bounded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AngularResponse(Conjugates, Banded, Bounded):
+class AngularResponse(Dimming, Banded, Bounded):
     """Pixels see less of the light that comes at an angle for which their microlenses are not made; 1 on the axis."""
 
     role: ClassVar = "angular response"
     once: ClassVar = ("angular response",)
-    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    pointwise: ClassVar = True
-    gain: ClassVar = 1.0
-    negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
     error: ClassVar = measured(3e-7, 1e-14)
 

@@ -139,6 +139,9 @@ class Scene(Source, Banded):
     def softness_um(self, softness: float) -> float:
         return softness * self.spacing
 
+    def drawn(self, softness: float, low: float = 0.0, high: float = 1.0) -> charts.Drawn:
+        return charts.Drawn(self.softness_um(softness), self.cell, low, high)
+
     @property
     def cell(self) -> float:
         """Side of the cells over which values are means, um; 0 where they are samples."""
@@ -192,9 +195,7 @@ class SlantedEdge(Scene, EdgeScene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        return self.grey(
-            charts.slanted_edge(y, x, self.angle, self.low, self.high, self.softness_um(self.softness), cell=self.cell), prepared
-        )
+        return self.grey(charts.slanted_edge(y, x, self.angle, self.drawn(self.softness, self.low, self.high)), prepared)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +213,7 @@ class SiemensStar(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        star = charts.siemens_star(y, x, self.cycles, self.radius, self.low, self.high, self.softness_um(self.softness), self.cell)
+        star = charts.siemens_star(y, x, self.cycles, self.radius, self.drawn(self.softness, self.low, self.high))
         return self.grey(star, prepared)
 
 
@@ -231,9 +232,7 @@ class ZonePlate(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        plate = charts.zone_plate(
-            y, x, self.highest_frequency, self.radius, self.low, self.high, self.softness_um(self.softness), self.cell
-        )
+        plate = charts.zone_plate(y, x, self.highest_frequency, self.radius, self.drawn(self.softness, self.low, self.high))
         return self.grey(plate, prepared)
 
 
@@ -252,7 +251,7 @@ class StepWedge(Scene):
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
         levels = np.geomspace(self.low, self.high, self.steps)
-        wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.softness_um(self.softness), self.cell)
+        wedge = charts.step_wedge(y, x, levels, 0.9 * self.width, 0.6 * self.height, self.drawn(self.softness))
         return self.grey(wedge, prepared)
 
 
@@ -273,7 +272,7 @@ class Points(Scene):
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         y, x = self.centred(out_y, out_x)
-        spots = charts.points(y, x, self.pitch, self.spot_sigma, self.background, self.peak, self.softness_um(self.softness), self.cell)
+        spots = charts.points(y, x, self.pitch, self.spot_sigma, self.drawn(self.softness, self.background, self.peak))
         return self.grey(spots, prepared)
 
 
@@ -308,9 +307,7 @@ class ColorChecker(_Coloured):
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         size = min(self.width / 6, self.height / 4)
-        rows, columns = composite.patches_factors(
-            y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.softness_um(self.softness), self.cell
-        )
+        rows, columns = composite.patches_factors(y, x, 4, 6, 6 * size * 0.94, 4 * size * 0.94, self.gap * size, self.drawn(self.softness))
         cube = composite.patch_contribution(rows, columns, reflectance)
         cube = cube + self.background * composite.background_weight(rows, columns)
         return {"radiance": cube * white[:, None, None], "white_radiance": white}
@@ -336,9 +333,8 @@ class CompositeChart(_Coloured):
         white, reflectance = prepared
         y, x = self.centred(out_y, out_x)
         chart = composite.composite(
-            y, x, self.width - 2 * self.margin, self.height - 2 * self.margin, self.softness_um(self.softness),
-            highest_frequency=self.highest_frequency, low=self.low, high=self.high, angle_deg=self.angle, cycles=self.cycles,
-            cell=self.cell,
+            y, x, self.width - 2 * self.margin, self.height - 2 * self.margin, self.drawn(self.softness, self.low, self.high),
+            highest_frequency=self.highest_frequency, angle_deg=self.angle, cycles=self.cycles,
         )  # fmt: skip
         cube = composite.patch_contribution(chart.rows, chart.columns, reflectance)
         cube += chart.grey

@@ -1,0 +1,153 @@
+"""An archive as the keeper of a run: what of a plan it has already, what becomes of the rest, and how it is closed.
+
+In:  what is asked for; reports of cells as they end; tables and pictures at the end.
+Out: what is left to do; an archive in order, whatever happens.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from etendue.archive import inputs, keeping, provenance
+from etendue.archive.chunks import CellFiles
+from etendue.archive.store import Archive
+from etendue.errors import ArchiveError
+from etendue.plan.model import Cell, CellRef, Plan
+from etendue.plan.resume import Work, select
+from etendue.spec.ports import CellReport, Sheet
+
+
+class ArchiveKeeper:
+    """Use as a context manager: the archive is owned until it is closed."""
+
+    keeps_arrays, draws = False, True
+
+    def __init__(self, folder: Path, scheduler: str, durable: bool, recompute: bool, accept_platform: bool, prune: bool) -> None:
+        self.store = Archive(folder, durable)
+        self.folder: Path | None = self.store.folder
+        self.scheduler, self.recompute, self.accept_platform, self.prune = scheduler, recompute, accept_platform, prune
+        self.lock = threading.Lock()
+
+    def __enter__(self) -> ArchiveKeeper:
+        self.store.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.store.__exit__(*error)
+
+    def begin(self, asked: Plan) -> Work:
+        """Lay a plan out over what is there, make the archive ready for the rest, and record the run.
+
+        Raises
+        ------
+        ArchiveError
+            The archive is of another pipeline or platform, or finished results would be lost. It is as it was.
+        """
+        store = self.store
+        plan, stay, pruned = keeping.with_stored(asked, store, self.prune)
+        cells = keeping.same_cells(asked, plan)
+        store.use(plan)
+        old, entries = store.record, store.journal.entries
+        if not (self.accept_platform or self.recompute):
+            self._check_platform(old, provenance.platform_record())
+        finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
+        todo = select(plan, finished, set(cells.values()))
+        outdated = set(plan.cells) - finished - todo - set(cells.values())
+        removed = sum(store.has_files(ref) for ref in outdated)
+        known = any(entry.event == "done" for entry in entries.values())
+        again = {ref[0] for ref in todo}
+        reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
+        for name, count in store.damaged.items():
+            reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
+        store.begin(todo, finished, outdated)
+        store.journal.begin_run(_by_stage(cells.values()), _by_stage(todo))
+        resolved = inputs.resolve_pipeline(asked)
+        store.mended += inputs.copy_inputs(store.folder, resolved.inputs, store.durable)
+        if todo or not store.recorded:
+            told = {"tolerance": plan.pipeline.tolerance, "scheduler": self.scheduler}
+            provenance.write_record(store.folder, plan, asked, resolved, told, store.durable)
+        return Work(plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended)
+
+    def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
+        folder = self.store.folder
+        way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
+        if old is None:
+            if any(entry.event == "done" for entry in self.store.journal.entries.values()):
+                raise ArchiveError(f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}")
+        elif old["platform"] != dict(now):
+            changed = ", ".join(f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k])
+            raise ArchiveError(f"{folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
+
+    def target(self, cell: Cell) -> CellFiles:
+        return self.store.target(cell)
+
+    def starting(self, refs: Iterable[CellRef]) -> None:
+        with self.lock:
+            self.store.starting(refs)
+
+    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        with self.lock:
+            self.store.reported(reports)
+        return arrays
+
+    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
+        """What the journal says of finished cells."""
+        found = {}
+        for ref in refs:
+            entry = self.store.journal.entries.get(self.store.names[ref])
+            if entry is not None and entry.event == "done":
+                kept = {chunk.path for chunk in self.store.laid.chunk_paths(self.store.plan.cells[ref])}
+                files = tuple(file for file in entry.files if file.path in kept)
+                found[ref] = CellReport(
+                    *ref, entry.status, entry.seconds, files, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored
+                )
+        return found
+
+    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+        """Arrays of finished cells; all that are kept, or plain figures only."""
+        found, plan = {}, self.store.plan
+        for ref in refs:
+            target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
+            chosen = [v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})]
+            found[ref] = {v: target.read(v) for v in chosen}
+        return found
+
+    def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
+        return self.store.shown() != self._keys(shown) or not self.store.sheet_is_whole()
+
+    def _keys(self, refs: Iterable[CellRef]) -> list[str]:
+        return [self.store.plan.cells[ref].key for ref in refs]
+
+    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None:
+        """What is finished can be looked at, and the next run goes on from it."""
+        self.store.close_run(tables)
+        self.store.write_manifest()
+        self.store.sweep(abandoned)
+
+    def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
+        store = self.store
+        if failed:  # a worker that was stopped may have left a file half written
+            store.sweep()
+        place = store.folder / "contact_sheet.png"
+        if sheet:
+            tables = {
+                **tables,
+                "frames": {**sheet.table, "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}},
+            }
+            drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
+            drawn.unlink(missing_ok=True)
+            sheet.draw(drawn)
+            os.replace(drawn, place)
+        store.close_run(tables)
+        provenance.write_crate(store.folder, store.plan, store.durable)
+        store.write_manifest()
+        return None, [place] if place.exists() else []
+
+
+def _by_stage(refs: Iterable[CellRef]) -> dict[str, int]:
+    return dict(Counter(name for name, _ in refs))

@@ -1,0 +1,69 @@
+"""Commands that say what is installed: ``stages``, ``quantities``, ``sensors``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import click
+
+from etendue.cli.options import JSON, NAME
+from etendue.cli.saying import command, tell
+
+
+def _tell(as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any) -> None:
+    """The document of what is named, or those of all."""
+    documents = [document(own) for own in ([name] if name else names)]
+    if name and not as_json:
+        tell(False, documents[0], one)
+    else:
+        tell(as_json, documents, all)
+
+
+def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None:
+    from etendue import discovery
+    from etendue.errors import RequestError, nearest
+
+    if name is not None and name not in names:
+        raise RequestError(f"there is no {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}")
+
+
+@command("stages")
+@NAME
+@JSON
+def stages(name: str | None, as_json: bool) -> None:
+    """What is installed, from which distribution, what it reads and writes, its parameters."""
+    from etendue.registry import installed_stages
+    from etendue.report.catalogue import print_stage, print_stages, stage_document
+    from etendue.telling import printable
+
+    registry = installed_stages()
+    _check("stage", name, registry.names(), "stages")
+    _tell(as_json, name, registry.names(), lambda own: stage_document(registry, own), print_stage, print_stages)
+    for text in () if name else registry.found.notes():
+        click.echo(f"note: {printable(text)}", err=True)
+
+
+@command("quantities")
+@NAME
+@JSON
+def quantities(name: str | None, as_json: bool) -> None:
+    """The camera quantities that stages share: meaning, unit, range, default, and which stages take one."""
+    from etendue.registry import installed_stages
+    from etendue.report.catalogue import print_quantities, print_quantity, quantity_document
+    from etendue.spec import camera
+
+    _check("camera quantity", name, camera.names(), "quantities")
+    registry = installed_stages() if name else None
+    _tell(as_json, name, camera.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
+
+
+@command("sensors")
+@NAME
+@JSON
+def sensors(name: str | None, as_json: bool) -> None:
+    """Sensors that a pipeline may name: [camera] sensor = "NAME". With a name: each value and where it comes from."""
+    from etendue.report.sensors import print_sensor, print_sensors, sensor_document
+    from etendue.spec.presets import preset_names
+
+    _tell(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)

@@ -1,0 +1,127 @@
+"""Options that commands share, each declared once, and what they give.
+
+In:  words of the command line.
+Out: ``Given``, which reads the pipeline.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+Adds = Callable[[Any], Any]
+REPEAT = "; may be repeated."
+SETTING = "camera.f_number=4, sharpen.strength=0.3" + REPEAT
+FILE = click.argument("file", type=click.Path(path_type=Path))
+NAME = click.argument("name", required=False)
+SWEEPS = click.option("--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="f_number=1.4,2,2.8 or demosaic.use=a,b" + REPEAT)
+WANT = click.option("--want", multiple=True, metavar="VARIABLE", help="Compute this, or stage.variable, and nothing else" + REPEAT)
+TOLERANCE = click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale.")
+NOTHING_LEFT_OUT = click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need.")
+JSON = click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+SCHEDULER = click.option(
+    "--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port."
+)
+WORKERS = click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
+
+
+def settings(example: str = SETTING) -> Adds:
+    return click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help=example)
+
+
+def output(help: str) -> Adds:
+    return click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER", help=help)
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the command line says of a pipeline."""
+
+    file: Path
+    settings: tuple[str, ...] = ()
+    sweeps: tuple[str, ...] = ()
+    want: tuple[str, ...] = ()
+    tolerance: str | None = None
+    nothing_left_out: bool = False
+
+    def pipeline(self) -> Any:
+        from etendue.spec.pipeline import read_pipeline
+
+        return read_pipeline(self.file, overrides(self))
+
+
+def gather(function: Callable[..., None]) -> Callable[..., None]:
+    """Hand a command what its options say of a pipeline as one ``Given``."""
+
+    @functools.wraps(function)
+    def gathering(**words: Any) -> None:
+        own = {field.name: words.pop(field.name) for field in fields(Given) if field.name in words}
+        function(Given(**own), **words)
+
+    return gathering
+
+
+def pipeline_options(function: Callable[..., None]) -> Any:
+    """All that may be said of a pipeline."""
+    for option in (gather, JSON, NOTHING_LEFT_OUT, TOLERANCE, WANT, SWEEPS, settings(), FILE):
+        function = option(function)
+    return function
+
+
+def number(text: str) -> Any:
+    """A value of the command line: number, true/false, list, or text (units allowed)."""
+    from decimal import Decimal, InvalidOperation
+
+    stripped = text.strip()
+    if stripped in ("true", "false"):
+        return stripped == "true"
+    if stripped.startswith("[") or stripped.startswith("{"):
+        import tomllib
+
+        try:
+            return tomllib.loads(f"v = {stripped}", parse_float=Decimal)["v"]
+        except (ValueError, RecursionError):
+            return stripped
+    try:
+        value = Decimal(stripped)
+    except InvalidOperation:
+        return stripped
+    whole = stripped.lstrip("+-").isdigit()
+    return int(value) if whole else value
+
+
+def overrides(given: Given) -> dict[str, Any]:
+    """What stands in place of values of the file.
+
+    Raises
+    ------
+    RequestError
+        A setting is no ``name=value``.
+    """
+    from etendue.errors import Fault, RequestError
+
+    found: dict[str, Any] = {}
+    faults = []
+    for option, texts in (("--set", given.settings), ("--sweep", given.sweeps)):
+        for text in texts:
+            key, equals, value = text.partition("=")
+            if not equals or not key.strip():
+                faults.append(Fault(f"{option} {text}", "expected name=value"))
+                continue
+            if option == "--set":
+                found[key.strip()] = number(value)
+            else:
+                written = value.strip().startswith(("[", "{"))  # as it would stand in the file
+                found[f"sweep.{key.strip()}"] = number(value) if written else [number(v) for v in value.split(",")]
+    if faults:
+        raise RequestError(faults)
+    if given.want:
+        found["wanted"] = [v for text in given.want for v in text.split(",")]
+    if given.tolerance is not None:
+        found["tolerance"] = number(given.tolerance)
+    return found

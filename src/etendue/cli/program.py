@@ -1,0 +1,91 @@
+"""The program: its commands together, and what becomes of their errors."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import click
+
+from etendue import interrupts
+from etendue.cli import catalogue, comparisons, exports, runs
+from etendue.cli.saying import say
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+class _Main(click.Group):
+    """Turns errors raised on purpose into one clear message and the right exit code."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.obj = "--json" in args
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        from etendue.errors import EtendueError, RequestError, machine_text
+        from etendue.telling import plain, printable, said, where
+
+        as_json = bool(ctx.obj)
+        try:
+            return super().invoke(ctx)
+        except RequestError as error:
+            if as_json:
+                faults = [{"file": error.file, "line": f.line, "place": f.place, "message": f.message} for f in error.faults]
+                say({"faults": faults})
+            else:
+                click.echo(printable(str(error)), err=True)
+            ctx.exit(2)
+        except EtendueError as error:
+            if as_json and error.exit_code == 2:
+                say({"faults": [{"file": "", "line": None, "place": "", "message": str(error)}]})
+            else:
+                click.echo(printable(str(error)), err=True)
+            ctx.exit(error.exit_code)
+        except BrokenPipeError:  # whoever read the output has gone
+            os._exit(141)
+        except OSError as error:
+            click.echo(printable(machine_text(error)), err=True)
+            ctx.exit(5)
+        except MemoryError as error:
+            click.echo(f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is intact", err=True)
+            ctx.exit(5)
+        except KeyboardInterrupt as error:
+            click.echo(interrupts.INTACT, err=True)
+            ctx.exit(getattr(error, "exit_code", 130))
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except Exception as error:
+            if os.environ.get("ETENDUE_TRACEBACK"):
+                raise
+            click.echo(
+                f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows", err=True
+            )
+            ctx.exit(1)
+
+
+@click.group(cls=_Main, context_settings=CONTEXT)
+@click.version_option(package_name="etendue")
+def main() -> None:
+    """A digital camera, from scene light to display colour, as a graph of replaceable stages.
+
+    \b
+    etendue run pipelines/smallest.toml     run it, archive it, show it
+    etendue plan pipelines/sweep.toml       what would run, before it does
+    etendue stages                          what is installed
+    etendue quantities                      what stages share: f_number, pixel_pitch, ...
+    etendue show smallest                   what is in an archive
+    etendue export smallest --dng           raw files that other converters open
+    etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
+    etendue quality FILE                    every camera of a sweep against the ideal one
+    etendue noise FILE                      noise behind every stage, predicted and found
+    etendue sensors                         sensors whose parameters are published
+    """
+
+
+for _command in (
+    *(runs.plan, runs.run, runs.archive),
+    *(catalogue.stages, catalogue.quantities, catalogue.sensors),
+    *(comparisons.compare, comparisons.quality, comparisons.noise),
+    exports.export,
+):
+    main.add_command(_command)

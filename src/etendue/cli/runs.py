@@ -1,0 +1,100 @@
+"""Commands of a run and its archive: ``plan``, ``run``, ``show``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from etendue import interrupts
+from etendue.cli.options import JSON, SCHEDULER, WORKERS, Given, pipeline_options
+from etendue.cli.saying import command, say, show, tell
+
+
+def _plan(given: Given, quiet: bool) -> Any:
+    from etendue.plan.planner import make_plan
+    from etendue.registry import installed_stages
+
+    pipeline = given.pipeline()
+    if given.want and pipeline.keep is not None and pipeline.wanted is not None:  # what is asked for now is kept, whatever the file keeps
+        pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
+    if quiet or not sys.stderr.isatty():
+        return make_plan(pipeline, installed_stages(), not given.nothing_left_out)
+    from etendue.report.terminal import planning
+
+    with planning() as told:
+        return make_plan(pipeline, installed_stages(), not given.nothing_left_out, told)
+
+
+@command("plan")
+@pipeline_options
+def plan(given: Given, as_json: bool) -> None:
+    """What would run: stages, cells, bytes, time, what is left out and why."""
+    from etendue.plan.planner import summary
+
+    document = summary(_plan(given, as_json))
+    if as_json:
+        say(document)
+        return
+    from etendue.report.terminal import print_plan
+
+    show(print_plan, document)
+
+
+@command("run")
+@pipeline_options
+@click.option("--archive", type=click.Path(path_type=Path), metavar="DIR", help="Where results are kept; default ./<name of the pipeline>.")
+@SCHEDULER
+@WORKERS
+@click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line.")
+@click.option("--recompute", is_flag=True, help="Compute again what is already finished.")
+@click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform.")
+@click.option(
+    "--cell-timeout",
+    type=click.FloatRange(0, min_open=True),
+    metavar="SECONDS",
+    help="A cell that takes longer is stopped and counts as failed. With processes or tcp:// only: a thread cannot be stopped.",
+)
+@click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
+@click.option("--quiet", is_flag=True, help="No progress.")
+def run(given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
+    """Run a pipeline: compute what is not there yet, keep it, show it.
+
+    On an archive that exists this resumes. A cell whose stage breaks off, kills its worker process or takes longer than
+    --cell-timeout is recorded as failed, the rest goes on. Exit codes: 0 done, 2 the request is wrong, 3 some cells failed,
+    4 the archive is in use, 5 the machine is short or the cluster is gone, 130 or 143 interrupted (the archive is intact).
+    """
+    interrupts.say(interrupts.INTACT)
+    here = Path.cwd()  # a plugin may change it
+    made = _plan(given, quiet or as_json)
+    from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
+    from etendue.session import Options, check_scheduler, check_timeout, execute
+
+    options = Options(check_scheduler(scheduler), workers or 0, **how)
+    check_timeout(options)
+    folder = here / (archive or made.pipeline.name)
+    if not as_json:
+        from etendue.telling import printable
+
+        for text in made.warnings:
+            click.echo(f"note: {printable(text)}", err=True)
+    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    if as_json:
+        say(outcome_document(outcome))
+    else:
+        show(print_outcome, outcome)
+    sys.exit(3 if outcome.failed else 0)
+
+
+@command("show")
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@JSON
+def archive(folder: Path, as_json: bool) -> None:
+    """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
+    from etendue.archive.describe import describe_archive
+    from etendue.report.terminal import print_archive
+
+    tell(as_json, describe_archive(folder), print_archive)

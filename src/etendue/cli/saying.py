@@ -1,0 +1,55 @@
+"""What a command says on stdout: a document as JSON, or something drawn for people."""
+
+from __future__ import annotations
+
+import functools
+import json
+from typing import Any
+
+import click
+
+from etendue import streams
+
+
+class _Command(click.Command):
+    """A command whose stdout is its results alone: what plugins print while it runs goes to stderr."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with streams.plugins_on_stderr():
+            return super().invoke(ctx)
+
+
+command = functools.partial(click.command, cls=_Command)
+
+
+def say(document: Any) -> None:
+    """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor infinity."""
+    from etendue.studies.files import finite
+
+    with streams.results():
+        click.echo(json.dumps(_printable(finite(document)), allow_nan=False))
+
+
+def show(draw: Any, *what: Any) -> None:
+    """Something for people on stdout."""
+    with streams.results():
+        draw(*what)
+
+
+def tell(as_json: bool, document: Any, draw: Any) -> None:
+    """A document, as it was asked for."""
+    if as_json:
+        say(document)
+    else:
+        show(draw, document)
+
+
+def _printable(value: Any) -> Any:
+    """A document without control characters: who shows a text of it may be a terminal."""
+    from etendue.telling import printable
+
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, dict):
+        return {_printable(key): _printable(own) for key, own in value.items()}
+    return [_printable(own) for own in value] if isinstance(value, list | tuple) else value

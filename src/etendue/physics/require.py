@@ -1,0 +1,69 @@
+"""What a kernel asks of its arguments, and what it says where it is not given: the name, what came, what may come.
+
+In:  an argument, and whether it is as it has to be.
+Out: the argument, numbers in floating point; ``ValueError`` where it is not fine.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def must(fine: Any, name: str, value: object, what: str) -> None:
+    """``NAME is VALUE; it must be WHAT``, unless all is fine."""
+    if fine is not True and not np.all(fine):
+        raise ValueError(f"{name} is {value}; it must be {what}")
+
+
+def positive(name: str, value: ArrayLike, unit: str = "") -> None:
+    must(np.asarray(value) > 0, name, value, f"above 0{unit}")
+
+
+def finite(name: str, value: ArrayLike) -> None:
+    must((np.asarray(value) > 0) & np.isfinite(value), name, value, "above 0 and finite")
+
+
+def allowed(fine: Any, name: str, value: object, what: str) -> None:
+    """``NAME is VALUE; allowed are WHAT``, unless all is fine."""
+    if fine is not True and not np.all(fine):
+        raise ValueError(f"{name} is {value!r}; allowed are {what}")
+
+
+def equal_shapes(name: str, array: NDArray, other: str, reference: NDArray) -> None:
+    if array.shape != reference.shape:
+        raise ValueError(f"{name} has shape {array.shape} and {other} {reference.shape}; allowed are equal shapes")
+
+
+def floating(values: ArrayLike) -> NDArray:
+    """An array in its own precision; of whole numbers, in double."""
+    array = np.asarray(values)
+    return array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float64)
+
+
+def at_least_zero(name: str, values: ArrayLike, unit: str = "") -> NDArray:
+    array = floating(values)
+    if not np.all(array >= 0):
+        raise ValueError(f"{name} is {_worst(array)!r}{unit}; allowed are numbers at or above 0")
+    return array
+
+
+def above_zero(name: str, values: ArrayLike) -> NDArray:
+    array = floating(values)
+    if not np.all(array > 0):
+        raise ValueError(f"{name} is {_worst(array)!r}; allowed are numbers above 0")
+    return array
+
+
+def amount(name: str, value: float) -> float:
+    """A finite number from 0."""
+    value = float(value)
+    allowed(0 <= value < math.inf, name, value, "finite numbers at or above 0")
+    return value
+
+
+def _worst(array: NDArray) -> float:
+    return float(np.min(array))  # NaN wins, as it should
