@@ -30,6 +30,7 @@ Run = Callable[[Document], Any]  # a document to its tree
 TIMES = tuple(10.0**k for k in range(-3, 4))
 ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encodings; a grey level of 8 bits is 4e-3
 EXPOSING = (
+    "meter",
     "expose",
     "shot",
     "well",

@@ -25,7 +25,7 @@ from etendue.registry import installed_stages
 from etendue.spec import camera
 from etendue.spec.capabilities import is_source
 from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
+from etendue.spec.stage import Stage, parameters_of, reads_of
 from etendue.spectra.names import rgb_space_names, tables
 
 Document = dict[str, Any]
@@ -331,20 +331,19 @@ class Drawn:
         faulty = self.chance(0.15)
         if faulty:
             self.add("defects", "defects", file=None)
-        self.metered = self.chance(0.15)
-        if self.metered:
+        metered = self.chance(0.15)
+        if metered:
             self.camera.pop("integration_time", None)
+        self.maybe(float(metered), "meter", "meter")
         if self.chance(0.7):
             self.read_out()
         else:  # expected values: without noise and rounding
-            self.maybe(float(self.metered), "meter", "meter")
             self.add("ideal", "ideal_mosaic")
         if faulty and self.chance(0.7):
             self.add("correct", self.one_of(("correct_defects", "correct_found_defects")))
         self.maybe(0.1, "shading", "lens_shading", map="model", table=None, model=self.one_of(("cos4", "disc")), **self.rim())
 
     def read_out(self) -> None:
-        self.maybe(float(self.metered), "meter", "meter")
         self.add("expose", "exposure")
         self.add("shot", "shot_noise")
         self.maybe(0.9, "well", "full_well")
@@ -389,7 +388,7 @@ class Drawn:
     def demosaicers(self) -> list[str]:
         """Those that can be made for the mask."""
         found = []
-        for name in self.able(lambda kind: set(kind.reads) == {"mosaic_linear"} and set(writes_of(kind)) == {"rgb_camera"}):
+        for name in self.able(lambda kind: kind.role == "demosaicing" and set(kind.reads) == {"mosaic_linear"}):
             kind = self.registry.load(name)
             try:
                 kind(**({"pattern": self.camera["pattern"]} if "pattern" in parameters_of(kind) else {}))

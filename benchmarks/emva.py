@@ -21,7 +21,7 @@ from etendue.physics.electronics import dynamic_range, emva
 from etendue.physics.electronics.noise import philox
 from etendue.run.tables import SensorRandom
 from etendue.spec.grid import Grid, Line
-from etendue.stages.electronics.exposure import ExposureSeries, FullWell, ShotNoise
+from etendue.stages.electronics.exposure import Exposure, FullWell, ShotNoise
 from etendue.stages.electronics.read_out import Adc, ReadNoise
 
 ROWS, COLUMNS, LEVELS, FRAMES = 96, 128, 16, 2
@@ -50,11 +50,9 @@ def times() -> Any:
 def frames(values: dict[str, Any], rate: float, seed: int, what: str) -> Any:
     """Raw frames (level, frame, y, x) of a light of so many electron/s, from the product's own stages."""
     chain = (ShotNoise, FullWell, ReadNoise, Adc)
-    brackets = tuple(float(b) for b in np.log2(times() / times()[0]))
-    first = stage(ExposureSeries, values, integration_time=float(times()[0]), repeats=FRAMES, brackets=brackets)
-    charge = first.run(np.full((ROWS, COLUMNS), rate, np.float32), SensorRandom(f"{seed}|exposure".encode(), GRID, "float32"))[
-        "expected_charge"
-    ]
+    light, sensor = np.full((ROWS, COLUMNS), rate, np.float32), SensorRandom(f"{seed}|exposure".encode(), GRID, "float32")
+    exposed = [stage(Exposure, values, integration_time=float(time)).run(light, sensor)["expected_charge"] for time in times()]
+    charge = np.repeat(exposed, FRAMES, axis=0)
     for kind in chain:
         one = stage(kind, values)
         given = {"rng": philox(f"{seed}|{what}|{kind.__name__}".encode())} if kind in (ShotNoise, ReadNoise) else {}

@@ -23,8 +23,9 @@ from PIL import Image
 from scipy.signal import fftconvolve
 
 from etendue import spectra
+from etendue.physics.colour import difference
 from etendue.physics.colour.encoding import srgb_decode
-from etendue.physics.colour.matrices import RGB_TO_XYZ_SRGB, apply_matrix, difference
+from etendue.physics.colour.matrices import RGB_TO_XYZ_SRGB, apply_matrix
 from etendue.physics.quality import fidelity, scielab
 from etendue.physics.quality.visible_noise import visible_noise
 

@@ -64,6 +64,9 @@ EDGE = {
 }  # fmt: skip
 
 
+LEVELS = {"white": "white", "clipping_level": "ideal_mosaic"}  # those of the mosaic: planes have none
+
+
 def edge(demosaic: str, balanced: bool, illuminant: str) -> tuple[Any, Any]:
     """XYZ of a grey slanted edge at 5 degrees, adapted to D65, noise-free: demosaiced, and as full planes."""
     stages: list[Any] = [
@@ -84,8 +87,10 @@ def edge(demosaic: str, balanced: bool, illuminant: str) -> tuple[Any, Any]:
         "balance",
     ]
     planes: list[Any] = [
-        {"use": "full_planes", "name": "planes"}, *([{"use": "balance_planes", "name": "planes_balanced"}] if balanced else []),
-        {"use": "camera_to_xyz", "name": "planes_xyz"}, {"use": "balance", "name": "truth"},
+        "no_mask", {"use": "ideal_mosaic", "name": "planes", "clip": False},
+        *([{"use": "balance_mosaic", "name": "planes_balanced", "from": {"white": "white"}}] if balanced else []), "no_demosaicing",
+        {"use": "camera_to_xyz", "name": "planes_xyz", "from": LEVELS | ({"white": "balance_mosaic"} if balanced else {})},
+        {"use": "balance", "name": "truth"},
     ]  # fmt: skip
     found = run(
         [*stages, *planes], ["balance.xyz_scene", "truth.xyz_scene"], illuminant=illuminant, pixel_pitch=2.8, integration_time="4 ms"

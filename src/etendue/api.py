@@ -9,11 +9,12 @@ from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import ends
 from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
 from etendue.spec.parameter import param
+from etendue.spec.roles import Displaying, EdgeScene, FlatScene, InSilicon, Noisy, Scaled
 from etendue.spec.stage import Stage
 from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
-    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "EtendueError", "Facts", "Fault", "Grid", "Labels", "Line",
-    "PluginError", "Probe", "RequestError", "Source", "Stage", "Summed", "Transfer", "Viewed", "ends", "fitted", "hookimpl", "labelled",
-    "measured", "moves_light", "param", "proved", "quantity",
+    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "Displaying", "EdgeScene", "EtendueError", "Facts", "Fault", "FlatScene",
+    "Grid", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Scaled", "Source", "Stage", "Summed",
+    "Transfer", "Viewed", "ends", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip

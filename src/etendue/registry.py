@@ -5,7 +5,9 @@ Names, near-misses and clashes need no stage module; a stage that cannot be impo
 
 from __future__ import annotations
 
+import contextlib
 import threading
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import EntryPoint
 
@@ -16,6 +18,8 @@ from etendue.interrupts import is_ours
 from etendue.spec.capabilities import check_class
 from etendue.spec.stage import Stage, arguments_of, parameters_of, reads_of, writes_of
 from etendue.telling import plain, said
+
+OWN = "etendue"  # the distribution of the package
 
 
 class Registry:
@@ -31,6 +35,19 @@ class Registry:
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and self.found.first("stages", name) is not None
+
+    def fitting(self, fits: Callable[[type[Stage]], bool]) -> Iterator[str]:
+        """The stages that can be loaded and of which something holds, those of the package first."""
+        for name in sorted(self.names(), key=lambda name: (self.installed(name).distribution != OWN, name)):
+            with contextlib.suppress(PluginError):
+                if fits(self.load(name)):
+                    yield name
+
+    def makers(self, variable: str) -> Iterator[str]:
+        """The stages that write a variable without reading it."""
+        return self.fitting(
+            lambda kind: variable in {d.variable for d in writes_of(kind).values()} - {d.variable for d in reads_of(kind).values()}
+        )
 
     def installed(self, name: str) -> Brought:
         """Where a stage is, and of which distribution."""

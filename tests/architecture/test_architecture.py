@@ -164,14 +164,15 @@ def test_a_parameter_with_a_unit_or_a_range_says_so_in_its_declaration(name):
 
 
 def test_every_variable_has_one_unit_and_one_set_of_dims():
-    """A name carries one meaning for ever: two stages cannot disagree about it. Of several exposures ``frame`` leads."""
+    """A name carries one meaning for ever: two stages cannot disagree. Of exposures ``frame`` leads, of a mosaic's planes ``channel``."""
     found = {}
     for name in BUILT_IN:
         kind = REGISTRY.load(name)
         for declaration in [*writes_of(kind).values(), *reads_of(kind).values()]:
             if declaration.variable.startswith("*."):
                 continue
-            own = tuple(dim for dim in declaration.dims if dim not in ("...", "frame"))
+            planes = ("channel",) if declaration.variable in ("photocurrent", "mosaic_linear") else ()
+            own = tuple(dim for dim in declaration.dims if dim not in ("...", "frame", *planes))
             stated = (own, declaration.unit, declaration.dtype)
             first, known = found.setdefault(declaration.variable, (name, stated))
             assert known == stated, f"{declaration.variable} is {stated} for {name}, but {known} for {first}"

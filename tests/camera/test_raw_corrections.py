@@ -76,14 +76,14 @@ def test_highlights_are_white_behind_the_balance_and_white_is_equal_in_all_chann
     mosaic = np.full((6, 6), 1.0)
     white = np.array([0.3, 0.5, 0.2])
     line = np.arange(6.0)
-    neutral = stage("balance_mosaic").run(mosaic, white, 1.0, line, line)
+    neutral = stage("balance_mosaic").run(mosaic, white, 1.0, line, line, ["R", "G", "B"])
     assert_array_equal(neutral["mosaic_linear"], np.ones((6, 6)))
     assert_array_equal(neutral["white"], [0.5, 0.5, 0.5])
     assert_allclose(neutral["balance_gains"], [5 / 3, 1.0, 2.5], rtol=4e-16)
-    kept = stage("balance_mosaic", highlights="keep").run(mosaic, white, 1.0, line, line)["mosaic_linear"]
+    kept = stage("balance_mosaic", highlights="keep").run(mosaic, white, 1.0, line, line, ["R", "G", "B"])["mosaic_linear"]
     assert kept.max() == pytest.approx(2.5, rel=1e-15)
     with pytest.raises(ValueError, match="vanishing"):
-        stage("balance_mosaic").run(mosaic, np.array([0.3, 0.5, 0.0]), 1.0, line, line)
+        stage("balance_mosaic").run(mosaic, np.array([0.3, 0.5, 0.0]), 1.0, line, line, ["R", "G", "B"])
 
 
 def test_a_raw_file_has_the_white_of_its_own_numbers_and_not_that_of_the_balanced_mosaic(tmp_path):
@@ -92,20 +92,23 @@ def test_a_raw_file_has_the_white_of_its_own_numbers_and_not_that_of_the_balance
     run(EDGE, *sensor, "white", "balance_mosaic", "colour_fit", wanted=wanted, archive=tmp_path / "raw")
     shelf = Shelf(tmp_path / "raw")
     frame = next(f for f in shelf.frames("raw"))
-    assert_array_equal(raw_frame(shelf, frame).camera_white, shelf.beside(frame, "white", "balance_mosaic"))
+    assert_array_equal(raw_frame(shelf, frame).camera_white, shelf.beside(frame, "white", "white balance"))
     assert np.ptp(raw_frame(shelf, frame).camera_white) > 0.01
     assert np.ptp(shelf.beside(frame, "white")) == 0
 
 
 def test_full_planes_follow_the_balance():
+    """Plane by plane, bit for bit what the mosaic has at the sites of each."""
     tree = run(
-        EDGE, "irradiance", {"use": "pixel", "rows": 32, "columns": 32}, "mosaic", "ideal_mosaic", "white", "balance_mosaic",
-        "full_planes", "balance_planes", wanted=["balance_planes.rgb_camera", "balance_mosaic.mosaic_linear"],
+        EDGE, "irradiance", {"use": "pixel", "rows": 32, "columns": 32}, "mosaic", "ideal_mosaic", "white", "balance_mosaic", "no_mask",
+        {"use": "ideal_mosaic", "name": "every", "clip": False}, {"use": "balance_mosaic", "name": "planes", "from": {"white": "white"}},
+        wanted=["planes.mosaic_linear", "balance_mosaic.mosaic_linear"],
     )  # fmt: skip
-    planes, mosaic = values(tree, "balance_planes.rgb_camera"), values(tree, "balance_mosaic.mosaic_linear")
-    assert_allclose(planes[0, ::2, ::2], mosaic[::2, ::2], rtol=1e-6)  # RGGB; single precision
-    assert_allclose(planes[1, ::2, 1::2], mosaic[::2, 1::2], rtol=1e-6)
-    assert_allclose(planes[2, 1::2, 1::2], mosaic[1::2, 1::2], rtol=1e-6)
+    planes, mosaic = values(tree, "planes.mosaic_linear"), values(tree, "balance_mosaic.mosaic_linear")
+    assert planes.shape == (3, 32, 32)
+    assert_array_equal(planes[0, ::2, ::2], mosaic[::2, ::2])  # RGGB
+    assert_array_equal(planes[1, ::2, 1::2], mosaic[::2, 1::2])
+    assert_array_equal(planes[2, 1::2, 1::2], mosaic[1::2, 1::2])
 
 
 # -- the white as the camera finds it -------------------------------------------------------------------------
@@ -309,6 +312,7 @@ def test_a_sensor_without_defects_keeps_every_bit():
 def test_a_rim_that_the_correction_does_not_know_is_noted():
     from etendue.stages.mosaic.shading import LensShading
 
-    assert "rim" in LensShading().warn_among(("scene", "vignetting"))[0]
-    assert not LensShading(rim_radius=3.0).warn_among(("vignetting",)) and not LensShading().warn_among(("falloff",))
-    assert not LensShading(strength=0.0).warn_among(("vignetting",))
+    rim, without = {"tube": installed_stages().load("vignetting")}, {"falloff": installed_stages().load("falloff")}
+    assert "rim (stage tube)" in LensShading().warn_among(rim | without)[0]
+    assert not LensShading(rim_radius=3.0).warn_among(rim) and not LensShading().warn_among(without)
+    assert not LensShading(strength=0.0).warn_among(rim)

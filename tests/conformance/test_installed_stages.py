@@ -119,8 +119,8 @@ VARIANTS = {
     "linearise": [{"black_level": 0}, {"bits": 8, "black_level": 254}],
     "charge_fraction": [{"reference_time": 100.0}],
     "paper_exposure": [{"integration_time": 1.0}, {"read_noise": 0.0, "dsnu": 0.0, "dark_current_density": 0.0}],
-    "full_planes": [{"conversion_gain": 1.0}, {"crosstalk": "through_filter"}],
-    "ideal_mosaic": [{"integration_time": 100.0}],
+    "no_mask": [{"crosstalk": "through_filter"}],
+    "ideal_mosaic": [{"integration_time": 100.0}, {"conversion_gain": 1.0}, {"clip": False}],
     "crosstalk_planes": [
         {"crosstalk": "through_filter"},
         {"crosstalk": "through_filter", "pattern": "X-Trans", "pixel_pitch": 1.1, "peak_qe": (0.4,)},
@@ -153,7 +153,6 @@ VARIANTS = {
     ],
     "balance_mosaic": [{"highlights": "keep"}, {"pattern": "X-Trans"}, {"brightness": "camera"}],
     "lens_shading": [{"strength": 0.0}, {"focal_length": 0.03, "model": "disc"}, {"focal_length": 0.02, "largest_gain": 1.5, "power": 1.0}],
-    "lens_shading_planes": [{"strength": 0.0}, {"focal_length": 0.03}],
     "correct_defects": [{"by": "map"}, {"by": "detection"}, {"pattern": "X-Trans", "threshold": 1.0, "contrast": 0.0}],
     "correct_found_defects": [{"threshold": 1.0}, {"pattern": "mono", "prnu": 0.0, "read_noise": 0.0}],
     "colour_fit": [

@@ -1,10 +1,15 @@
-"""Demosaicers of a third party, good and bad, as entry points of a registry of their own."""
+"""Stages of a third party, good and bad, as entry points of a registry of their own."""
 
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 
 import numpy as np
 
 from etendue.api import RGB, Stage, hookimpl, param, quantity
+from etendue.discovery import Discovery, installed
+from etendue.hookspecs import GROUP
+from etendue.registry import Registry
+from etendue.stages.quality.ideal import IdealMosaic
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,12 +83,29 @@ class Softer(Stage):
         return {"rgb_camera": 0.5 * (rgb_camera + np.roll(rgb_camera, 1, -1))}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Perfect(IdealMosaic):
+    """A demosaicer that knows the light: noise-free and unclipped."""
+
+    role = "demosaicing"
+    reads = {"photon_rate": "channel y x [electron/s]"}
+    writes = {"rgb_camera": "channel y x [1]"}
+
+    def run(self, photon_rate):
+        return {"rgb_camera": photon_rate * photon_rate.dtype.type(self.integration_time * self.dn_per_electron() / self.white())}
+
+
 STAGES = {
     "grey": Grey, "breaks_off": BreaksOff, "writes_nan": WritesNaN, "for_xtrans": ForXTrans, "needs_a_number": NeedsANumber,
-    "reads_more": ReadsMore, "softer": Softer,
+    "reads_more": ReadsMore, "softer": Softer, "perfect": Perfect,
 }  # fmt: skip
 
 
 @hookimpl
 def etendue_stages():
     return {**STAGES, "cannot_load": "tests.studies.no_such_module:Stage"}
+
+
+def registry():
+    """The installed stages, and these."""
+    return Registry(Discovery([*installed().points, EntryPoint("own", __name__, GROUP)]))

@@ -7,7 +7,6 @@ import re
 import shlex
 from dataclasses import replace
 from decimal import Decimal
-from importlib.metadata import EntryPoint
 from io import BytesIO
 from pathlib import Path
 
@@ -19,11 +18,8 @@ from scipy.optimize import brentq
 
 from etendue.cli import main
 from etendue.cli.options import number
-from etendue.discovery import Discovery, installed
-from etendue.hookspecs import GROUP
 from etendue.physics.colour import difference
 from etendue.physics.field.psf_bank import PsfBank
-from etendue.registry import Registry
 from etendue.report.crops import Strip, strip, where_most
 from etendue.report.work_precision import Point, work_precision
 from etendue.session import Options
@@ -35,6 +31,7 @@ from etendue.studies.branches import nodes_of
 from etendue.studies.compare import Comparison, Row, compare, ranked
 from etendue.studies.figures import colour_figures
 from etendue.studies.ranking import document, print_comparison
+from tests.studies import alternatives
 
 SMALL = """
 name = "small"
@@ -127,7 +124,7 @@ def rows_of(axis, found=None, expected=False, edges=False, **changes):
 @pytest.fixture
 def registry(monkeypatch):
     """The installed stages, and a third party's."""
-    mine = Registry(Discovery([*installed().points, EntryPoint("own", "tests.studies.alternatives", GROUP)]))
+    mine = alternatives.registry()
     monkeypatch.setattr("etendue.studies.compare.installed_stages", lambda: mine)
     return mine
 
@@ -135,8 +132,8 @@ def registry(monkeypatch):
 # -- what is measured -------------------------------------------------------------------------------------------
 
 
-def test_the_reference_compared_with_itself_is_perfect():
-    rows, _ = rows_of('demosaic.use=demosaic_bilinear,{ use = "full_planes", label = "itself" }', edges=True)
+def test_the_reference_compared_with_itself_is_perfect(registry):
+    rows, _ = rows_of('demosaic.use=demosaic_bilinear,{ use = "perfect", label = "itself" }', edges=True)
     itself = rows["itself"]
     assert (itself.psnr, itself.rmse, itself.psnr_encoded) == (math.inf, 0.0, math.inf)
     assert (itself.delta_e, itself.zipper, itself.false_colour) == (0.0, 0.0, 0.0)
@@ -161,9 +158,19 @@ def test_of_a_uniform_scene_without_noise_every_interpolation_is_the_reference(c
     assert not any("does without" in note for note in result.notes)
 
 
-def test_what_has_no_counterpart_for_planes_is_named():
+def test_what_corrects_the_mosaic_by_another_picture_of_it_is_none_of_the_reference_and_what_needs_none_is():
+    by_map = {"wandering": '[[stages]]\nuse = "defects"', "before": '[[stages]]\nuse = "correct_defects"'}
+    _, result = rows_of("demosaic.use=demosaic_bilinear", **by_map)
+    assert any("does without correct_defects, which reads defect_map" in note for note in result.notes)
     _, result = rows_of("demosaic.use=demosaic_bilinear", before='[[stages]]\nuse = "correct_found_defects"')
-    assert any("does without correct_found_defects" in note for note in result.notes)
+    assert not any("does without" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("use", ["sharpen_mosaic", "correct_found_defects"])
+def test_what_betters_the_mosaic_is_compared_with_a_picture_that_did_not_need_it(use):
+    name, values = ("strength", "0,0.3") if use == "sharpen_mosaic" else ("threshold", "3,6")
+    _, result = rows_of(f"{use}.{name}={values}", before=f'[[stages]]\nuse = "{use}"')
+    assert (result.without, result.own_reference) == (use, False)
 
 
 def test_alternatives_are_given_the_same_mosaic_and_a_row_does_not_depend_on_its_company():
@@ -195,8 +202,8 @@ def test_mtf50_of_the_reference_is_that_of_lens_and_pixel():
     assert rows["demosaic_bilinear"].mtf50_reference == pytest.approx(brentq(half, 0.1, 0.9), rel=0.004)
 
 
-def test_a_sharpening_is_held_against_the_picture_that_did_not_need_it():
-    ideal = pipeline(('use = "demosaic_bilinear"', 'use = "full_planes"'))
+def test_a_sharpening_is_held_against_the_picture_that_did_not_need_it(registry):
+    ideal = pipeline(('use = "demosaic_bilinear"', 'use = "perfect"'))
     rows, result = rows_of("sharpen.strength=0,0.3", ideal, edges=True)
     assert result.without == "sharpen"
     assert rows["0"].psnr == math.inf
@@ -230,7 +237,7 @@ def test_of_a_sweep_the_cameras_own_values_hold_else_the_first_and_both_are_name
     assert document(result)["first_of_sweep"] == ["sharpen.strength"]
 
 
-def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
+def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(registry, monkeypatch):
     seen = []
 
     def spy(picture, reference, white):
@@ -238,7 +245,7 @@ def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
         return colour_figures(picture, reference, white)
 
     monkeypatch.setattr("etendue.studies.compare.colour_figures", spy)
-    ideal = ('use = "demosaic_bilinear"', 'use = "full_planes"')
+    ideal = ('use = "demosaic_bilinear"', 'use = "perfect"')
     rows_of("balance.target=D65,A", pipeline(ideal, scene="uniform"))
     unbalanced = pipeline(ideal, ('[[stages]]\nuse = "balance"\n', ""), scene="uniform", camera='illuminant = "A"')
     rows_of("demosaic.use", unbalanced)
@@ -247,14 +254,14 @@ def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(monkeypatch):
         assert np.hypot(*lab[1:]).max() < 3
 
 
-IDEAL = ('use = "demosaic_bilinear"', 'use = "full_planes"')
+IDEAL = ('use = "demosaic_bilinear"', 'use = "perfect"')
 
 
 @pytest.mark.parametrize(
     "axis",
     ["display.display=sRGB,Display P3", "balance.target=D65,A", "encode.encoding=sRGB,power", 'display.use={use="display",label="a"}'],
 )
-def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(axis):
+def test_an_axis_behind_the_demosaicer_reaches_the_reference_so_that_the_ideal_camera_is_perfect_at_every_value(axis, registry):
     rows, result = rows_of(axis, pipeline(IDEAL))
     assert result.own_reference
     for row in rows.values():
@@ -306,10 +313,7 @@ def test_where_the_scene_is_the_axis_it_is_said_that_no_edge_can_take_its_place(
 
 
 def test_a_time_that_is_metered_serves_the_reference_too():
-    found = pipeline(
-        ('use = "exposure"', 'use = "exposure_metered"'), ('use = "white"', 'use = "white_metered"'),
-        ('integration_time = "4 ms"\n', ""), scene="uniform",
-    )  # fmt: skip
+    found = pipeline(('integration_time = "4 ms"\n', ""), scene="uniform", wandering='[[stages]]\nuse = "meter"')
     rows, _ = rows_of("demosaic.use=demosaic_bilinear", found, expected=True)
     assert rows["demosaic_bilinear"].psnr > 200
 
@@ -352,7 +356,7 @@ def test_a_stage_that_is_swept_under_the_name_of_its_variable_is_compared():
 def test_every_installed_stage_that_fits_is_taken_plugins_included(registry):
     rows, result = rows_of("demosaic.use")
     assert {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_any", "grey"} <= set(rows)
-    assert not {"reads_more", "full_planes", "sharpen"} & set(rows)
+    assert not {"reads_more", "perfect", "no_demosaicing", "sharpen"} & set(rows)
     assert any("not looked at" in note and "cannot_load" in note for note in result.notes)
 
 
@@ -601,8 +605,8 @@ def test_an_axis_is_read_as_it_would_stand_in_a_file(text, values):
     assert parse_axis(text, number) == Asked(text.partition("=")[0], values)
 
 
-def test_document_says_inf_where_there_is_no_end():
-    _, result = rows_of('demosaic.use={ use = "full_planes", label = "itself" }')
+def test_document_says_inf_where_there_is_no_end(registry):
+    _, result = rows_of('demosaic.use={ use = "perfect", label = "itself" }')
     text = json.dumps(document(result), allow_nan=False)
     assert json.loads(text)["rows"][0]["psnr"] == "inf"
     assert_allclose(json.loads(text)["rows"][0]["rmse"], 0.0)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 import etendue
 from etendue.physics.sensor import cfa, crosstalk
 from etendue.physics.sensor.crosstalk_planes import diffuse_planes, plane_kernels
+from etendue.registry import installed_stages
 
 CAMERA = """
 name = "ideal"
@@ -36,22 +37,26 @@ columns = 31
 use = "mosaic"
 {chain}
 [[stages]]
-use = "full_planes{metered}"
-name = "ideal"
-{own}
-[[stages]]
 use = "demosaic_bilinear"
 name = "demosaic"
+[[stages]]
+use = "no_mask"
+[[stages]]
+use = "ideal_mosaic"
+name = "planes"
+clip = false
+[[stages]]
+use = "no_demosaicing"
+name = "ideal"
 """
-IDEAL = '[[stages]]\nuse = "ideal_mosaic{}"\nname = "linear"\n'
-LINEAR = IDEAL.format("")
-METERED = '[[stages]]\nuse = "exposure_metered"\nprnu = 0.0\n'
+LINEAR = '[[stages]]\nuse = "ideal_mosaic"\nname = "linear"\n'
+METERED = '[[stages]]\nuse = "meter"\n'
 CROSSTALK = '[[stages]]\nuse = "crosstalk"\n'
 
 
-def planes(scene="uniform", chain=LINEAR, metered="", camera="", own="", **values):
-    text = CAMERA.format(scene=scene, chain=chain, metered=metered, camera=camera, own=own)
-    tree = etendue.simulate(text, want=["ideal.rgb_camera", "demosaic.rgb_camera", "mosaic_linear"], leave_out=False, **values)
+def planes(scene="uniform", chain=LINEAR, camera="", **values):
+    text = CAMERA.format(scene=scene, chain=chain, camera=camera)
+    tree = etendue.simulate(text, want=["ideal.rgb_camera", "demosaic.rgb_camera", "linear.mosaic_linear"], leave_out=False, **values)
     found = [next(iter(tree[name].children.values()), tree[name])[variable].values for name, variable in (
         ("ideal", "rgb_camera"), ("demosaic", "rgb_camera"), ("linear", "mosaic_linear"),
     )]  # fmt: skip
@@ -96,12 +101,12 @@ def test_the_whole_chain_without_noise_is_within_half_a_step_of_them():
     assert abs((mosaic / level).mean() - 1) < 5 * np.sqrt((1 / electrons).mean() / level.size)
 
 
-def test_the_metered_forms_use_the_time_that_was_found():
-    chain = METERED + IDEAL.format("_metered")
-    ideal, bilinear, mosaic = planes(chain=chain, metered="_metered")
+def test_planes_and_mosaic_use_the_time_that_a_metering_has_found():
+    chain = METERED + LINEAR
+    ideal, bilinear, mosaic = planes(chain=chain)
     assert_allclose(ideal, bilinear, rtol=1e-12)
     assert abs(mosaic.mean() - 1 / 7.8) < 1e-6  # where the metering brings the mean of what it meters, of saturation
-    brighter, _, _ = planes(chain=chain, metered="_metered", exposure_metered__ev_bias=1.0)
+    brighter, _, _ = planes(chain=chain, meter__ev_bias=1.0)
     assert_allclose(brighter, 2 * ideal, rtol=1e-12)
 
 
@@ -139,11 +144,8 @@ def test_charge_that_stays_changes_nothing_and_single_precision_stays_single():
 
 
 def test_they_say_so_where_crosstalk_is_left_out_of_them():
-    from etendue.registry import installed_stages
-
-    kind = installed_stages().load("full_planes")
-    wandering = kind(crosstalk="through_filter")
-    assert "crosstalk_planes" in wandering.warn_among(frozenset({"crosstalk"}))[0]
-    assert wandering.warn_among(frozenset({"crosstalk", "crosstalk_planes"})) == []
-    assert kind().warn_among(frozenset({"crosstalk"})) == []
-    assert_array_equal(kind(integration_time=0.0 + 1e-3).run(np.zeros((3, 2, 2)))["rgb_camera"], 0)
+    kinds = {name: installed_stages().load(name) for name in ("no_mask", "crosstalk", "crosstalk_planes")}
+    wandering, without = kinds["no_mask"](crosstalk="through_filter"), {"behind": kinds["crosstalk"]}
+    assert "crosstalk_planes" in wandering.warn_among(without)[0]
+    assert wandering.warn_among(kinds) == []
+    assert kinds["no_mask"]().warn_among(without) == []

@@ -20,6 +20,7 @@ from etendue.stages.colour.display_white import white_of
 from etendue.studies.ideal import ideal_of
 from etendue.studies.quality import evenly, quality
 from etendue.studies.quality_figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
+from tests.studies import alternatives
 
 HEAD = """
 name = "tiny"
@@ -66,10 +67,10 @@ def swapped(*pairs, without=()):
 
 
 def measured(*args, **kwargs):
-    return quality(read(*args, **kwargs), installed_stages())
+    return quality(read(*args, **kwargs), alternatives.registry())
 
 
-PERFECT = swapped(("demosaic_bilinear demosaic", "full_planes demosaic"), without=("sharpen",))
+PERFECT = swapped(("demosaic_bilinear demosaic", "perfect demosaic"), without=("sharpen",))
 
 
 def test_the_ideal_camera_is_its_own_ideal():
@@ -89,7 +90,7 @@ def test_a_wider_blur_is_farther_from_ideal_by_every_figure():
 
 def test_more_light_brings_a_noisy_camera_nearer_to_ideal():
     # a uniform scene: no blur, no mosaic, nothing but noise lies between the two
-    grey = {"scene.reflectance": 0.4, "sweep.integration_time": ["0.5 ms", "2 ms", "8 ms"]}
+    grey = {"scene.reflectance": 0.4, "exposure.prnu": 0, "sweep.integration_time": ["0.5 ms", "2 ms", "8 ms"]}
     rows = measured(scene="uniform", overrides=grey).rows
     assert np.all(np.diff([row["visible_noise"] for row in rows]) < 0)
     assert rows[0]["flat"]["size"] == 32
@@ -136,7 +137,7 @@ def test_lens_and_sharpening_go_while_light_and_sensor_stay():
     stages = ["irradiance", "falloff", "vignetting", "distortion", "glare", "birefringent", "lens_psf_field", *PLAIN[2:]]
     found = ideal(stages)
     assert set(found.left_out) == {"distortion", "glare", "birefringent", "lens_psf_field", "lens", "sharpen"}
-    assert found.replaced == {"demosaic": "full_planes"}
+    assert found.replaced == {"demosaic": "no_demosaicing"}
     assert [entry.name for entry in found.pipeline.stages][:6] == ["scene", "irradiance", "falloff", "vignetting", "diffusion", "pixel"]
     assert any("distortion moves the picture" in note for note in found.notes)
 
@@ -158,9 +159,10 @@ def test_the_ideal_camera_knows_its_white_and_has_no_shading_to_correct():
 
 
 def test_metering_and_crosstalk_have_their_own_full_planes():
-    stages = ["irradiance", "pixel", "mosaic", "crosstalk", "exposure_metered", "shot_noise", "adc", "linearise", "demosaic_bilinear d"]
+    stages = ["irradiance", "pixel", "mosaic", "crosstalk", "meter", "exposure", "shot_noise", "adc", "linearise", "demosaic_bilinear d"]
     found = ideal(stages)
-    assert found.replaced == {"d": "full_planes_metered", "crosstalk": "crosstalk_planes"}
+    assert found.replaced == {"d": "no_demosaicing", "crosstalk": "crosstalk_planes"}
+    assert any("meters for itself" in note for note in found.notes)
 
 
 def test_a_stage_that_reads_from_the_lens_then_reads_what_the_lens_read():
@@ -205,11 +207,11 @@ def shots(*args, **kwargs):
 
 
 def test_the_time_that_was_metered_is_known_of_both_cameras():
-    stages = [{"exposure": "exposure_metered", "white": "white_metered"}.get(stage, stage) for stage in PLAIN]
+    stages = [own for stage in PLAIN for own in (["meter", stage] if stage == "exposure" else [stage])]
     ((one, ideal),) = shots(stages)
-    assert 0 < one.exposure_time < 1 and 0 < ideal.exposure_time < 1
+    assert 0 < one.time < 1 and 0 < ideal.time < 1
     ((one, ideal),) = shots()
-    assert one.exposure_time is None and ideal.exposure_time is None
+    assert one.time is None and ideal.time is None
 
 
 @pytest.mark.parametrize(
@@ -271,11 +273,11 @@ def test_gains_and_time_that_were_applied_are_undone_in_camera_primaries():
     rgb = np.random.default_rng(0).uniform(0.1, 0.9, (3, 20, 20))
     gains = np.array([2.0, 1.0, 0.5])
     scaled = rgb * gains[:, None, None] * 3
-    found, _, _ = figures(shot(scaled, gains=gains, exposure_time=0.03), shot(rgb, exposure_time=0.01), 30)
+    found, _, _ = figures(shot(scaled, gains=gains, time=0.03), shot(rgb, time=0.01), 30)
     assert found["psnr_linear"] > 300  # a rounding, if any
     found, _, _ = figures(shot(rgb), shot(scaled, gains=gains * 3), 30)
     assert found["psnr_linear"] > 280  # of a picture three times as bright
-    one_knows = figures(shot(rgb, exposure_time=0.03), shot(rgb), 30)[0]  # there is no ratio to undo
+    one_knows = figures(shot(rgb, time=0.03), shot(rgb), 30)[0]  # there is no ratio to undo
     assert one_knows["psnr_linear"] == np.inf
 
 
@@ -325,7 +327,7 @@ def test_the_command_prints_a_table_and_writes_files(run, tmp_path):
 
     result = run("--sweep", "f_number=2,8", "-o", "out", "--pictures", "1")
     assert result.exit_code == 0, result.output
-    assert "full_planes in place of demosaic" in result.output and "PSNR" in result.output
+    assert "no_demosaicing in place of demosaic" in result.output and "PSNR" in result.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["quality.csv", "quality.json", "quality_000.png"]
     lines = (tmp_path / "out/quality.csv").read_text().splitlines()
     assert len(lines) == 3 and lines[0].startswith("f_number [1],psnr_linear [dB],")
@@ -335,7 +337,7 @@ def test_the_command_prints_a_table_and_writes_files(run, tmp_path):
 def test_its_json_has_no_nan(run):
     result = run("--json")
     document = json.loads(result.stdout, parse_constant=pytest.fail)
-    assert document["ideal"] == {"left_out": ["lens", "sharpen"], "replaced": {"demosaic": "full_planes"}}
+    assert document["ideal"] == {"left_out": ["lens", "sharpen"], "replaced": {"demosaic": "no_demosaicing"}}
     (row,) = document["rows"]
     assert row["mean_snr"] is None and row["psnr_linear"] > 0
     assert set(document["figures"]) <= set(row)

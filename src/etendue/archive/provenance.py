@@ -52,6 +52,7 @@ def node_records(plan: Plan) -> dict[str, Any]:
         parameters = {k: v for k, v in parameters_for_key(cell.stage).items() if k not in swept}
         records[node.name] = {
             "stage": [a.use for a in node.alternatives],
+            "role": [a.kind.role for a in node.alternatives],
             "code": [a.digest for a in node.alternatives],
             "parameters": canonical(parameters),
             "shown": {k: _plain(v) for k, v in parameters.items()},

@@ -10,7 +10,7 @@ import importlib.metadata
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,13 @@ from etendue.errors import Fault, RequestError
 from etendue.export import dng, tiff
 from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain, read_at
 from etendue.export.masks import mask_of, note
-from etendue.stages.electronics.gain_chain import GainChain
+from etendue.physics.electronics import amplifier
+from etendue.registry import installed_stages
+from etendue.spec.roles import BALANCE, FULL_WELL
 
 MANY = 64
-BALANCED = "balance_mosaic"  # the stage behind which white is equal in all channels: no white of the raw numbers
+WELL = ("pixel_pitch", "aperture_fraction", "full_well_density")
+GAIN = ("analogue_gain", "iso", "base_iso")
 SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff")}
 
 
@@ -169,8 +172,9 @@ def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
     if why:
         faults.append(Fault("--dng", f"{why}; write the digital numbers with --tiff"))
     elif mask is not None:
-        for variable, stage in (("white", "white"), ("colour_matrix", "colour_fit")):
-            if shelf.beside(frame, variable, BALANCED) is None:
+        for variable in ("white", "colour_matrix"):
+            if shelf.beside(frame, variable, BALANCE) is None:
+                stage = next(installed_stages().makers(variable), "")
                 faults.append(
                     Fault(
                         "--dng", f"the archive holds no {variable!r}: put the stage {stage!r} into the pipeline and keep it, or use --tiff"
@@ -185,13 +189,13 @@ def _refuse_unsaid(shelf: Shelf, frame: Frame) -> None:
 
 def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
     """Everything a DNG says of a cell."""
-    time = shelf.beside(frame, "exposure_time")  # found by the camera itself where it meters; 0.008 in any precision
+    time = shelf.beside(frame, "integration_time")  # found by the camera itself where it meters; 0.008 in any precision
     return dng.RawFrame(
         raw=frame.picture(),
         mask=mask_of(shelf, frame),
         black=float(shelf.parameter(frame, "black_level")),
         white_level=white_level(shelf, frame),
-        camera_white=shelf.beside(frame, "white", BALANCED),
+        camera_white=shelf.beside(frame, "white", BALANCE),
         balanced_to_xyz=shelf.beside(frame, "colour_matrix"),
         illuminant=str(shelf.parameter(frame, "illuminant", "")),
         exposure=float(str(time.reshape(())[()])) if time is not None and time.size == 1 else shelf.parameter(frame, "integration_time"),
@@ -209,12 +213,14 @@ def raw_frame(shelf: Shelf, frame: Frame) -> dng.RawFrame:
 def white_level(shelf: Shelf, frame: Frame) -> int:
     """The code at which pixels saturate: the top code, or the full well where that comes first and a stage clips there."""
     top: int = 2 ** int(shelf.parameter(frame, "bits")) - 1
-    if not any("full_well" in node["stage"] for node in shelf.record["nodes"].values()):
+    if not any(FULL_WELL in shelf.roles(stage) for stage in shelf.record["nodes"]):
         return top
-    known = {quantity.name: shelf.parameter(frame, quantity.name) for quantity in fields(GainChain)}
-    if None in known.values():  # no stage of gain and converter of the package
+    well, gain, chain = ([shelf.parameter(frame, name) for name in names] for names in (WELL, GAIN, ("conversion_gain", "black_level")))
+    if None in (*well, *gain, *chain):  # no stage says how charge becomes numbers
         return top
-    return round(float(shelf.parameter(frame, "black_level")) + float(GainChain(**known).white()))
+    filled, (conversion, black), bits = amplifier.full_well(*well), chain, int(shelf.parameter(frame, "bits"))
+    step = amplifier.dn_per_electron(conversion, amplifier.gain_of_speed(*gain), filled, black, bits)
+    return round(float(black) + amplifier.white_level(filled, step, black, bits))
 
 
 def _iso(shelf: Shelf, frame: Frame) -> float | None:

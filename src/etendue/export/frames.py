@@ -22,7 +22,7 @@ from etendue.archive.describe import describe_archive
 from etendue.archive.journal import read_journal
 from etendue.archive.layout import STATUS, cell_label
 from etendue.archive.provenance import latest_record
-from etendue.errors import ArchiveInUse, Fault, RequestError, nearest
+from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError, nearest
 from etendue.spec.units import UnitError, to_unit
 
 PLANE = ("channel", "y", "x")
@@ -144,13 +144,26 @@ class Shelf:
                 return float(shown[name]) if shown[name] in ("inf", "nan") else shown[name]
         return default
 
+    def roles(self, stage: str) -> list[str]:
+        """What a stage of the archive is for.
+
+        Raises
+        ------
+        ArchiveError
+            The archive was written before roles were recorded.
+        """
+        node = self.record["nodes"].get(stage, {"role": []})
+        if "role" not in node:
+            raise ArchiveError(f"{self.folder} does not say what its stages are for: run its pipeline again with this version")
+        return list(node["role"])
+
     def beside(self, frame: Frame, variable: str, other_than: str = "") -> Any:
         """Another variable of the same cell, or None where the archive has none: ``white`` for a ``raw``.
 
-        The last that was written, but not by the stage ``other_than``.
+        The last that was written, but not by a stage of the role ``other_than``.
         """
         for stage, path in reversed(self.variables.get(variable, [])):
-            if other_than and other_than in self.record["nodes"].get(stage, {}).get("stage", ()):
+            if other_than and other_than in self.roles(stage):
                 continue
             data = self._open(path)
             axes = [str(dim) for dim in data["status"].dims] if "status" in data else []

@@ -26,7 +26,7 @@ def mask_of(shelf: Shelf, frame: Frame) -> tuple[str, ...] | None:
     pattern = shelf.parameter(frame, "pattern")
     if pattern is None:
         return None
-    mask = cfa.parse(_letters(shelf, pattern) if str(pattern).startswith("sha256:") else str(pattern))
+    mask = cfa.parse_rows(_letters(shelf, pattern)) if str(pattern).startswith("sha256:") else cfa.parse(str(pattern))
     if len(mask.channels) == 1:
         return None
     index = cfa.channel_index(
@@ -57,6 +57,4 @@ def _letters(shelf: Shelf, stored: str) -> str:
     path = shelf.input_file(stored)
     if path is None:
         raise ArchiveError(f"{shelf.folder}: the file of the pattern ({stored[:19]}...) is not in inputs/")
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
-    rows = ("".join(line.partition("#")[0].replace(",", " ").split()) for line in lines)
-    return "/".join(row for row in rows if row) + "/"
+    return path.read_text(encoding="utf-8-sig")

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from etendue.errors import PluginError, nearest
+from etendue.errors import nearest
 from etendue.plan.alternatives import Entries
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
-from etendue.registry import Registry
 from etendue.spec.capabilities import Probe, ends_in_sum, is_transfer
 from etendue.spec.pipeline import StageEntry
 from etendue.spec.stage import looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
@@ -122,12 +121,11 @@ def _mapped(
     every = []
     for one, bound in zip(made, inputs, strict=True):
         reads = reads_of(one.kind)
-        found = [
-            reads[port].mapped(by_name[source].writes[v].dims) if port in reads else by_name[source].writes[v].dims
-            for port, source, v in bound
-        ]
+        found = [reads[port].mapped(by_name[source].writes[v].dims) for port, source, v in bound if port in reads]
         leading = sorted({dims for dims in found if dims}, key=len)
         dims = leading[-1] if leading else ()
+        own = {dim: None for port, source, v in bound if port not in reads for dim in by_name[source].writes[v].dims}
+        dims = (*(dim for dim in own if dim not in dims), *dims)  # a quantity with a value for each frame, of planes: frames of planes
         if any([dim for dim in dims if dim in few] != list(few) for few in leading):
             shown = " and ".join(" ".join(dims) for dims in leading)
             request.fault(entry.place, f"{one.use} reads {shown}: the same dims must lead")
@@ -169,22 +167,10 @@ def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, port:
     """The last node before a stage that writes what it reads."""
     node = next((n for n in reversed(earlier) if variable in n.writes), None)
     if node is None and request.whole and port not in optional_ports(one.kind):
-        writers = _writers_of(request.registry, variable)
+        writers = list(request.registry.makers(variable))[:6]
         hint = f"; put one of these before it: {', '.join(writers)}" if writers else ""
         request.fault(entry.place, f"{one.use} reads {variable}, but no earlier stage writes it{hint}")
     return node
-
-
-def _writers_of(registry: Registry, variable: str) -> list[str]:
-    found = []
-    for name in registry.names():
-        try:
-            kind = registry.load(name)
-        except PluginError:
-            continue
-        if variable in writes_of(kind) and variable not in {d.variable for d in reads_of(kind).values()}:
-            found.append(name)
-    return found[:6]
 
 
 def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]) -> Looks:

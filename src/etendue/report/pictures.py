@@ -75,7 +75,7 @@ def _linear_rgb(plan: Plan, cell: Cell, variable: str, array: Any) -> Any | None
         pattern = plan.camera.get("pattern")
         if pattern is None:
             return np.repeat(plane[None], 3, axis=0)
-        mask = cfa.parse_rows(Path(pattern).read_text(encoding="utf-8-sig")) if str(pattern).endswith(".csv") else cfa.parse(pattern)
+        mask = cfa.read(str(pattern))
         index = cfa.channel_index(mask, plane.shape[0], plane.shape[1], round(grid.line("y").start), round(grid.line("x").start))
         tints = np.array([cfa.tint(channel) for channel in mask.channels], dtype=np.float32)
         return np.stack([_fitted(tints[:, k][index] * plane) for k in range(3)])
@@ -95,7 +95,7 @@ def render(plan: Plan, shown: Mapping[str, CellRef], arrays: Mapping[CellRef, Ma
                 continue
             kind = known(variable).scale or variable
             array = arrays[cell.ref][variable]
-            for _ in node.mapped:  # of several frames the one in the middle
+            for _ in [dim for dim in node.mapped if dim != "channel"]:  # of several frames the one in the middle; planes are a picture
                 array = array[len(array) // 2]
             kinds.setdefault(kind, []).append((cell, variable, array))
             order.append((cell, variable, array, kind))

@@ -18,6 +18,7 @@ from etendue.registry import Registry
 from etendue.spec import camera
 from etendue.spec.capabilities import Probe, is_transfer
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.roles import REFERENCE
 from etendue.spec.stage import reads_of, writes_of
 
 
@@ -137,13 +138,13 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
 
     Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they serve another
-    role (``Stage.role``) and those that exist for references (``X_planes``) are none.
+    role (``Stage.role``) and those that only stand in references are none.
     """
     own = node.alternatives[0]
     reads, writes = ({str(d) for d in found(own.kind).values() if not d.optional} for found in (reads_of, writes_of))
     chosen, broken = [own.use], []
     for name in registry.names():
-        if name == own.use or name.endswith("_planes"):
+        if name == own.use:
             continue
         try:
             kind = registry.load(name)
@@ -152,7 +153,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
             continue
         needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
         fits = {str(d) for d in writes_of(kind).values() if not d.optional} == writes and needed <= reads and (needed or not reads)
-        same = kind.role == own.kind.role or not (kind.role and own.kind.role)
+        same = kind.role == own.kind.role or (kind.role != REFERENCE and not (kind.role and own.kind.role))
         if fits and same and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
             chosen.append(name)
     return chosen, broken

@@ -127,7 +127,7 @@ def compare(
     at.pop(asked.key, None)
     nodes = nodes_of(base, registry)
     if expected:
-        base = noise_free(base, nodes)
+        base = noise_free(base, nodes, registry)
         nodes = nodes_of(base, registry)
     if asked.stage and asked.stage not in [n.name for n in nodes]:
         what = "expected values take no part of it" if expected else "nothing that is computed depends on it"

@@ -22,7 +22,9 @@ from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.session import Options, execute
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.roles import EdgeScene, FlatScene
 from etendue.spec.stage import parameters_of
+from etendue.studies import installed
 from etendue.studies.axis import Asked
 from etendue.studies.branches import CAMERA, Branched, Place, noise_free, writer
 from etendue.studies.figures import BORDER
@@ -60,7 +62,7 @@ def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: 
         raise ValueError("the stage writes encoded values, on which no transfer function is defined")
     if any(n.name == asked.stage and n.is_source for n in branched.nodes):
         raise ValueError("the scene is the axis, and an edge would have to take its place")
-    pipeline, scene, sigma = _edge_pipeline(branched, plan, white)
+    pipeline, scene, sigma = _edge_pipeline(branched, plan, white, registry)
     pipeline = replace(pipeline, sweep={**pipeline.sweep, **branched.axes(asked.key, values)})
     wanted = tuple(f"{s}.{v}" for s, v in (place, reference))
     matrix = writer(branched.nodes, "colour_matrix"), writer(branched.nodes, "white")
@@ -129,7 +131,7 @@ def crossing(picture: Any, sigma: float) -> float:
     return float(response.frequency[high - 1] + share * (response.frequency[high] - response.frequency[high - 1]))
 
 
-def _edge_pipeline(branched: Branched, plan: Plan, white: float) -> tuple[Pipeline, str, float]:
+def _edge_pipeline(branched: Branched, plan: Plan, white: float, registry: Registry) -> tuple[Pipeline, str, float]:
     """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the edge, um."""
     sources = [n for n in branched.nodes if n.is_source and "radiance" in n.writes]
     pixel = next((n for n in branched.nodes if n.ends_in_sum), None)
@@ -155,9 +157,10 @@ def _edge_pipeline(branched: Branched, plan: Plan, white: float) -> tuple[Pipeli
         "centre_y": own.get("centre_y") or 0.0,
         "centre_x": own.get("centre_x") or 0.0,
     }
+    edge, field = (installed.made_for(registry, base) for base in (EdgeScene, FlatScene))
     scenes = [
         {
-            "use": "slanted_edge",
+            "use": edge,
             "label": "edge",
             "angle": ANGLE,
             "low": bright * DARK / BRIGHT,
@@ -165,13 +168,13 @@ def _edge_pipeline(branched: Branched, plan: Plan, white: float) -> tuple[Pipeli
             "softness": softness,
             **common,
         },
-        {"use": "uniform", "label": "field", "reflectance": bright, **common},
+        {"use": field, "label": "field", "reflectance": bright, **common},
     ]
     window = {"rows": ROWS, "columns": COLUMNS}
     if paper or not set(window) <= set(parameters_of(pixel.kind)):
         window = {}
     dropped = ("sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns")
-    pipeline = noise_free(branched.pipeline, branched.nodes)
+    pipeline = noise_free(branched.pipeline, branched.nodes, registry)
     stages = tuple(
         replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window}) if e.name == pixel.name and window else e
         for e in pipeline.stages

@@ -5,9 +5,9 @@ Out: another pipeline, what was left out of it, and what a comparison with it sh
 
 Left out is what spreads or moves light in front of the pixel (blur, aberrations, distortion, glare, the low-pass filter), what
 works on camera primaries behind the demosaicer (sharpening, denoising: the ideal picture needs none), and what finds white on
-the mosaic or balances it there: the ideal camera knows the white of its light. The demosaicer becomes ``full_planes``; what it
-alone read, from exposure to linearisation, is then not computed. What stays: the scene, how much light arrives where, the pixel
-with its aperture and diffusion, crosstalk behind the filters, colour, encoding.
+the mosaic or balances it there: the ideal camera knows the white of its light. In the demosaicer's place stand three stages, for every
+channel at every pixel: no mask, an ideal exposure, no demosaicing; what the demosaicer alone read is then not computed. What stays: the
+scene, how much light arrives where, the pixel with its aperture and diffusion, crosstalk behind the filters, colour, encoding.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from etendue.errors import Fault, RequestError, nearest
 from etendue.registry import Registry
 from etendue.spec.capabilities import ends_in_sum, is_transfer
 from etendue.spec.pipeline import Pipeline, StageEntry
+from etendue.spec.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
 from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
+from etendue.studies.axis import without_sweep
+from etendue.studies.branches import Reference, nodes_of, writer
 
-LIGHT = frozenset({"falloff", "vignetting", "angular_response", "optical_filter", "real_lens_illumination"})
-"""Stages that change how much light arrives, not where: they stay."""
-SENSOR = frozenset({"diffusion"})
-"""Transfer functions in front of the pixel that belong to the sensor: they stay."""
+TIME = "integration_time"
+PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}  # what stands for the mosaic is written for all channels
+Kinds = Mapping[str, type[Stage] | None]
 
 
 @dataclass(frozen=True)
@@ -70,62 +72,79 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
         why = _why_out(entry, kinds, names, pixel, demosaic, shaded)
         if (why and entry.name not in keep) or entry.name in without:
             out[entry.name] = why or "asked for"
-    replaced = _replaced(pipeline, kinds, demosaic)
-    entries = tuple(
-        replace(e, use=replaced[e.name], values={}, origin={}) if e.name in replaced else replace(e, origin=_origin(pipeline, e, out))
-        for e in pipeline.stages
-        if e.name not in out
-    )
+    made = _planes(pipeline, kinds, out, demosaic, registry)
+    last = made.added[-1]
+    replaced = {demosaic: last.use} | made.stands
+    entries: list[StageEntry] = []
+    own: dict[str, str] = {}  # which stage of the camera wrote last what the planes have too
+    for entry in (e for e in pipeline.stages if e.name not in out and e.name not in made.stands):
+        if entry.name == demosaic:
+            entries += [*made.added[:-1], replace(entry, use=last.use, values={}, origin=last.origin)]
+            continue
+        kind = kinds[entry.name]
+        bound = {port: own[d.variable] for port, d in reads_of(kind).items() if d.variable in own} if kind else {}
+        entries.append(replace(entry, origin=bound | _origin(pipeline, entry, {*out, *made.stands})))
+        own |= dict.fromkeys(_writes(kinds, entry) & PLANES, entry.name)
     ideal = replace(
         pipeline,
-        stages=entries,
+        stages=tuple(entries),
         camera=_asked_for(pipeline.camera, entries, registry),
         sweep=_asked_for(_still_there(pipeline.sweep, out, replaced), entries, registry),
         wanted=None,
         keep=None,
         lines={},
     )
-    return Ideal(ideal, tuple(out), replaced, tuple(_notes(pipeline, kinds, out, shaded)))
+    return Ideal(ideal, tuple(out), replaced, (*_notes(pipeline, kinds, out, shaded), *made.notes))
 
 
-def _why_out(entry: StageEntry, kinds: Mapping[str, Any], names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
+def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
     """The reason why a stage is none of the ideal camera's; '' where it is one."""
     kind, own = kinds[entry.name], _reads(kinds, entry) & _writes(kinds, entry)
     if kind is None:
         return ""
     before_pixel = names.index(entry.name) < names.index(pixel)
-    if before_pixel and "irradiance" in own and entry.use not in SENSOR:
-        gain_only = entry.use in LIGHT or "white_irradiance" in own
+    if before_pixel and "irradiance" in own and not issubclass(kind, InSilicon):
+        gain_only = kind.pointwise or "white_irradiance" in own
         if not gain_only and not (is_transfer(kind) and ends_in_sum(kind)):
             return "the lens"
-        if shaded and entry.use in LIGHT and "white_irradiance" not in own:
+        if shaded and kind.pointwise and "white_irradiance" not in own:
             return "shading, which the camera corrects"
-    if names.index(entry.name) > names.index(demosaic) and "rgb_camera" in own:
+    if names.index(entry.name) > names.index(demosaic) and "rgb_camera" in own and not _ends_a_dim(kind):
         return "work on the demosaiced picture"
     if "white" in _writes(kinds, entry) and "mosaic_linear" in _reads(kinds, entry) and any(_knows_white(kinds, n) for n in names):
         return "white found on the mosaic"
     return ""
 
 
-def _knows_white(kinds: Mapping[str, Any], name: str) -> bool:
+def _knows_white(kinds: Kinds, name: str) -> bool:
     """Whether a stage finds white without looking at the picture."""
     kind = kinds[name]
     return kind is not None and "white" in writes_of(kind) and not {"mosaic_linear", "raw"} & {d.variable for d in reads_of(kind).values()}
 
 
-def _replaced(pipeline: Pipeline, kinds: Mapping[str, Any], demosaic: str) -> dict[str, str]:
-    metered = _first(pipeline, lambda e: "exposure_time" in _writes(kinds, e))
-    replaced = {demosaic: "full_planes_metered" if metered else "full_planes"}
-    names = [entry.name for entry in pipeline.stages]
-    for entry in pipeline.stages[: names.index(demosaic)]:
-        if entry.use == "crosstalk":
-            replaced[entry.name] = "crosstalk_planes"
-    return replaced
+def _ends_a_dim(kind: type[Stage]) -> bool:
+    """Whether a stage makes one picture of several frames: without it, there is none."""
+    reads, writes = ({d.variable: d.dims for d in of(kind).values()} for of in (reads_of, writes_of))
+    return reads["rgb_camera"] != writes["rgb_camera"]
 
 
-def _notes(pipeline: Pipeline, kinds: Mapping[str, Any], out: Mapping[str, str], shaded: bool) -> list[str]:
+def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry) -> Reference:
+    """The stages of every channel at every pixel, for the camera without what is left out, at the first values of its sweep."""
+    there = tuple(replace(e, origin=_origin(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
+    alone, _ = without_sweep(replace(pipeline, stages=there, sweep=_still_there(pipeline.sweep, out, {})))
+    nodes = nodes_of(replace(alone, lines={}), registry)
+    swept = {key.rpartition(".")[0] for key in pipeline.sweep}
+    needless = [name for name, kind in kinds.items() if name in swept or (kind is not None and kind.role in (SHADING, *RESTORING))]
+    made, light = Reference(alone, nodes, "", registry), writer(nodes, "photon_rate")
+    assert light is not None
+    made.planes(light, next(node for node in nodes if node.name == demosaic), needless)
+    return made
+
+
+def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: bool) -> list[str]:
     notes = []
-    moved = [e.name for e in pipeline.stages if e.name in out and "distortion" in e.use]
+    roles = {name: kind.role for name, kind in kinds.items() if kind is not None}
+    moved = [name for name in out if roles.get(name) == DISTORTION]
     if moved:
         notes.append(
             f"{', '.join(moved)} moves the picture and the ideal camera does not: figures pixel by pixel count that as error "
@@ -133,22 +152,23 @@ def _notes(pipeline: Pipeline, kinds: Mapping[str, Any], out: Mapping[str, str],
         )
     if shaded:
         notes.append("the camera corrects shading, so the ideal one has none")
-    if _first(pipeline, lambda e: "exposure_time" in _writes(kinds, e)):
+    if _first(pipeline, lambda e: TIME in _writes(kinds, e) and _reads(kinds, e) and e.name not in out):
         notes.append("the ideal camera meters for itself, on its own sharper light")
-    unknown = [e.name for e in pipeline.stages if out.get(e.name) == "the lens" and not _built_in(kinds[e.name]) and "lens" not in e.use]
+    unknown = [name for name, why in out.items() if why == "the lens" and roles.get(name) not in LENS]
     if unknown:
         notes.append(f"{', '.join(unknown)} is taken for a part of the lens; --keep {unknown[0]} where it is not")
     return notes
 
 
-def _shading_corrected(pipeline: Pipeline, kinds: Mapping[str, Any]) -> bool:
-    return any("shading" in e.use and "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e) for e in pipeline.stages)
+def _shading_corrected(pipeline: Pipeline, kinds: Kinds) -> bool:
+    correcting = [e for e in pipeline.stages if "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)]
+    return any(kind is not None and kind.role == SHADING for kind in (kinds[e.name] for e in correcting))
 
 
 # -- what stays as it was written ---------------------------------------------------------------------------------
 
 
-def _origin(pipeline: Pipeline, entry: StageEntry, out: Mapping[str, str]) -> dict[str, str]:
+def _origin(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) -> dict[str, str]:
     """``from`` without the stages that are gone: what those read, or the nearest writer."""
     by_name = {e.name: e for e in pipeline.stages}
     found = {}
@@ -164,14 +184,14 @@ def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mappi
     return {key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key}
 
 
-def _asked_for(values: Mapping[str, Any], entries: tuple[StageEntry, ...], registry: Registry) -> dict[str, Any]:
+def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
     """Of camera quantities those that a stage takes; keys of stages as they are."""
     kinds = [_kind(entry, registry) for entry in entries]
     taken = {name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
     return {key: value for key, value in values.items() if "." in key or key in taken}
 
 
-def _check_names(pipeline: Pipeline, given: Mapping[str, Collection[str]], kinds: Mapping[str, Any]) -> None:
+def _check_names(pipeline: Pipeline, given: Mapping[str, Collection[str]], kinds: Kinds) -> None:
     faults = [
         Fault(f"{option} {name}", f"there is no stage of this name{nearest(name, kinds)}")
         for option, names in given.items()
@@ -190,15 +210,11 @@ def _kind(entry: StageEntry, registry: Registry) -> type[Stage] | None:
     return registry.load(entry.use) if entry.use in registry else None
 
 
-def _built_in(kind: type[Stage] | None) -> bool:
-    return kind is not None and kind.__module__.startswith("etendue.")
-
-
-def _reads(kinds: Mapping[str, Any], entry: StageEntry) -> set[str]:
+def _reads(kinds: Kinds, entry: StageEntry) -> set[str]:
     kind = kinds[entry.name]
     return {declaration.variable for declaration in reads_of(kind).values()} if kind else set()
 
 
-def _writes(kinds: Mapping[str, Any], entry: StageEntry) -> set[str]:
+def _writes(kinds: Kinds, entry: StageEntry) -> set[str]:
     kind = kinds[entry.name]
     return {declaration.variable for declaration in writes_of(kind).values()} if kind else set()

@@ -4,11 +4,12 @@ In:  a pipeline as written, the reflectance of its flat scene, a number of frame
 Out: for each stage behind the linearised mosaic the standard deviation of every channel, the correlation between channels and
      between neighbours: predicted from the camera's own figures and found in frames of noise.
 
-Prediction: the variance of a pixel of the mosaic follows from shot noise, read noise, fixed patterns and rounding; what the later
-stages make of it follows from what they answer to a small step of one pixel at each place of the colour filter array, so that it
-holds for any stage, plugins too; answers and variances are taken at several places of the frame, as a correction of shading has its own
-gain at each. The prediction is linear about the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to
-real noise as well, and then the two columns differ. Defective pixels are left out: they are no noise.
+Prediction: the variance of a pixel of the mosaic follows from what the stages in front of it say of their noise (`Noisy`: shot noise,
+read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later stages make of it follows from what they
+answer to a small step of one pixel at each place of the colour filter array, so that it holds for any stage, plugins too; answers and
+variances are taken at several places of the frame, as a correction of shading has its own gain at each. The prediction is linear about
+the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to real noise as well, and then the two columns
+differ. Defective pixels are left out: they are no noise.
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ import numpy as np
 
 from etendue.errors import RequestError
 from etendue.physics.colour import noise_propagation as propagation
+from etendue.physics.sensor import cfa
 from etendue.plan.model import CellRef, Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.run.cell import compute
-from etendue.run.jobs import Job, make_jobs
+from etendue.run.found import with_found
+from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, execute
-from etendue.spec.capabilities import is_source
+from etendue.spec.capabilities import is_random, is_source
 from etendue.spec.pipeline import Pipeline, StageEntry
 from etendue.spec.ports import Progress
+from etendue.spec.roles import FlatScene, Noisy, Scaled
 from etendue.spec.stage import parameters_of, writes_of
-from etendue.stages.electronics.exposure import Exposure as Exposing
-from etendue.stages.electronics.gain_chain import GainChain
-from etendue.stages.sensor.masks import mask_of
+from etendue.studies import installed
 from etendue.studies.axis import without_sweep
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
@@ -43,6 +45,7 @@ STEP = 1e-4  # of a response's step, of full scale
 FULL = 0.001  # share of clipped pixels from which noise is cut off
 TREND = 4  # degree of what is taken off before noise is measured: fall-off over a wide field is no noise
 MOSAIC = "mosaic_linear"
+FLAWS = frozenset({"defect_map", "stuck_map"})  # what stages write that make defective pixels
 
 
 @dataclass
@@ -146,19 +149,20 @@ def noise(
 
 def _flat(pipeline: Pipeline, registry: Registry, reflectance: float) -> Pipeline:
     """The pipeline in front of a flat grey card of the size and light of its scene."""
-    allowed = set(parameters_of(registry.load("uniform"))) - {"reflectance"}
+    use = installed.made_for(registry, FlatScene)
+    allowed = set(parameters_of(registry.load(use))) - {"reflectance"}
     entries: list[StageEntry] = []
     for entry in pipeline.stages:
         if entry.use in registry and is_source(registry.load(entry.use)):
             values = {name: value for name, value in entry.values.items() if name in allowed}
-            entry = replace(entry, use="uniform", values={**values, "reflectance": reflectance})
+            entry = replace(entry, use=use, values={**values, "reflectance": reflectance})
         entries.append(_sound(entry, registry))
     return replace(pipeline, stages=tuple(entries), sweep={})
 
 
 def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
     """A stage that makes defective pixels, making none."""
-    if entry.use not in registry or not {"defect_map", "stuck_map"} & set(writes_of(kind := registry.load(entry.use))):
+    if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
     shares = {name: 0.0 for name, (p, of, _) in parameters_of(kind).items() if of is float and p.at_most == 0.5 and not p.camera}
     return replace(entry, values={**{k: v for k, v in entry.values.items() if k != "file"}, **shares})
@@ -170,7 +174,6 @@ class _Measurement:
     def __init__(self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Any]]], notes: list[str]) -> None:
         self.plan, self.first, self.arrays, self.notes = plan, first, arrays, notes
         self.ref: CellRef = (first.name, ())
-        self.stages = {node.name: plan.cells[(node.name, ())].stage for node in plan.nodes}
         if arrays[0][self.ref][MOSAIC].ndim != 2:
             raise RequestError("the mosaic has frames of its own (an exposure series): follow the noise of a single exposure")
         self.rows, self.columns = arrays[0][self.ref][MOSAIC].shape
@@ -178,11 +181,15 @@ class _Measurement:
         if side < 2 * BORDER + 32 or side < 2 * REACH + 8:
             raise RequestError(f"the picture has {self.rows} x {self.columns} pixels: at least 64 x 64 are needed to measure noise")
         self.mask = self._mask()
+        self.jobs = make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=True)
+        results = {ref: Result(arrays=dict(found)) for ref, found in arrays[0].items()}
+        before = [node.name for node in plan.nodes if node.name in self._reaching(first.name)]
+        self.before = {name: with_found(self.jobs[name, ()], results).stage for name in before}
 
     def _mask(self) -> Any:
         """Channel names by place in the cell, as the window sees them."""
         pattern = self.plan.camera.get("pattern", "mono")
-        mask = mask_of(pattern)
+        mask = cfa.read(str(pattern))
         grid = self.plan.cells[self.ref].grids[MOSAIC]
         down, right = (round(grid.line(dim).start) for dim in ("y", "x"))
         cell = np.array([list(row) for row in mask.rows], dtype=object)
@@ -208,7 +215,7 @@ class _Measurement:
             found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
         model = self._model(self._signal())
         if not model:
-            self.notes.append("the mosaic's noise is not that of an exposure this command knows: predictions start from what was found")
+            self.notes.append(f"{self._unsaid()}: predictions start from what was found")
         mosaic: dict[str, tuple[float | None, float, float]] = {}
         for channel in dict.fromkeys(str(c) for c in self.mask.ravel()):
             own = [p for p in by_place if str(self.mask[p]) == channel]
@@ -240,41 +247,33 @@ class _Measurement:
         charge, tiles = charge[rows, columns], tiles[rows, columns]
         return {str(c): float(charge[tiles == c].mean()) for c in dict.fromkeys(self.mask.ravel())}
 
-    def _time(self) -> float | None:
-        """Of the exposure: the camera's, or what a metering has found."""
-        found = next(
-            (float(a["exposure_time"]) for a in self.arrays[0].values() if "exposure_time" in a and a["exposure_time"].ndim == 0), None
-        )
-        exposing = next((s for s in self.stages.values() if isinstance(s, Exposing)), None)
-        return found if found is not None else getattr(exposing, "integration_time", None)
+    def _unsaid(self) -> str:
+        """Why the noise of the mosaic is not predicted; '' where every stage in front of it says what it needs to."""
+        drawing = {name: type(stage) for name, stage in self.before.items() if is_random(type(stage))}
+        silent = [name for name, kind in drawing.items() if not issubclass(kind, Noisy) and not FLAWS & set(writes_of(kind))]
+        if silent:
+            return f"{silent[0]} draws random numbers and does not say how much noise that is"
+        if not isinstance(self.before[self.first.name], Scaled):
+            return f"{self.first.name} does not say what its scale is"
+        return "" if self._signal() else "no stage writes expected_charge"
 
     def _model(self, signal: Mapping[str, float]) -> dict[str, float]:
-        """Variance of a pixel of the linearised mosaic by channel, from the figures of exposure, noise and converter."""
-        stages = self.stages.values()
-        exposing = next((s for s in stages if isinstance(s, Exposing)), None)
-        chain = next((s for s in stages if isinstance(s, GainChain) and "raw" in type(s).writes), None)
-        time = self._time()
-        if exposing is None or chain is None or not signal or time is None:
+        """Variance of a pixel of the linearised mosaic by channel, from what the stages in front of it say."""
+        scale = self.before[self.first.name]
+        if self._unsaid() or not isinstance(scale, Scaled):
             return {}
-        names = {type(s).__name__ for s in stages}
-        dark = float(exposing.dark_charge(time))
-        read = sum(s.sigma() ** 2 + s.dsnu**2 for s in stages if hasattr(s, "sigma") and hasattr(s, "dsnu"))
-        lines = sum(getattr(s, k, 0.0) ** 2 for s in stages for k in ("row_pattern", "column_pattern", "row_noise", "column_noise"))
+        noisy = [stage for stage in self.before.values() if isinstance(stage, Noisy)]
         remark = "noise of whole rows and columns is counted as if each pixel had its own"
-        if lines and remark not in self.notes:
+        if any(stage.by_line and stage.variance(0.0) for stage in noisy) and remark not in self.notes:
             self.notes.append(remark)
-        gain = float(chain.dn_per_electron())
-        found = {}
-        for channel, charge in signal.items():
-            patterns = (exposing.prnu * (charge - dark)) ** 2 + (exposing.dark_nonuniformity * dark) ** 2
-            electrons = (charge if "ShotNoise" in names else 0.0) + patterns + read + lines
-            found[channel] = (electrons * gain**2 + 1 / 12) / chain.white() ** 2
-        return found
+        full = scale.electrons()
+        return {channel: sum(stage.variance(charge) for stage in noisy) / full**2 for channel, charge in signal.items()}
 
     def _codes(self) -> float:
-        """Digital numbers between black and 1; 0 without a converter."""
-        chain = next((s for s in self.stages.values() if isinstance(s, GainChain) and "raw" in type(s).writes), None)
-        return float(chain.white()) if chain is not None else 0.0
+        """Digital numbers between black and 1, from what rounding adds; 0 without a converter."""
+        scale = self.before[self.first.name]
+        codes = [s for s in self.before.values() if isinstance(s, Noisy) and any(d.dtype != "float" for d in writes_of(type(s)).values())]
+        return scale.electrons() / (12 * codes[0].variance(0.0)) ** 0.5 if codes and isinstance(scale, Scaled) else 0.0
 
     def _flat_mosaic(self, mosaics: list[Any]) -> Any:
         """A mosaic of even channels, as large as the frame."""
@@ -304,7 +303,6 @@ class _Measurement:
     ) -> dict[tuple[str, str], list[tuple[Any, Any, float]]]:
         """By picture, for several places of the frame: its answers to a step of one pixel, (place in the cell, channel, y, x), the
         variance of these pixels, and the weight of the place."""
-        jobs = make_jobs(self.plan, set(self.plan.cells), lambda cell: None, deliver_all=True)
         behind, (places, weights) = self._behind(), zip(*self._places(), strict=True)
         variance = [self._variance_at(place, found, modelled) for place in places]
         answers: dict[tuple[str, str], list[list[Any]]] = {}
@@ -314,7 +312,7 @@ class _Measurement:
                 stepped = flat.copy()
                 for place in places:
                     stepped[place[0] + y, place[1] + x] += sign * STEP
-                pair.append(self._run(jobs, behind, stepped))
+                pair.append(self._run(behind, stepped))
             for picture in pair[0]:
                 step = (pair[0][picture] - pair[1][picture]) / (2 * STEP)
                 for one, (row, column) in zip(answers.setdefault(picture, [[] for _ in places]), places, strict=True):
@@ -340,6 +338,13 @@ class _Measurement:
         model = self._model(self._signal(*parts))
         return np.array([model[str(self.mask[p])] for p in order])
 
+    def _reaching(self, name: str) -> set[str]:
+        """A node, and all that it depends on."""
+        needed = {name}
+        for node in reversed(self.plan.nodes):
+            needed |= {source for _, source, _ in node.inputs[0]} if node.name in needed else set()
+        return needed
+
     def _behind(self) -> list[str]:
         """The nodes that depend on the mosaic."""
         reached = {self.first.name}
@@ -348,16 +353,16 @@ class _Measurement:
                 reached.add(node.name)
         return [node.name for node in self.plan.nodes if node.name in reached - {self.first.name}]
 
-    def _run(self, jobs: Mapping[CellRef, Job], behind: list[str], mosaic: Any) -> dict[tuple[str, str], Any]:
+    def _run(self, behind: list[str], mosaic: Any) -> dict[tuple[str, str], Any]:
         """The pictures that the stages behind make of another mosaic."""
         results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
         results[self.ref] = Result(arrays={**results[self.ref].arrays, MOSAIC: mosaic})
         found = {}
         for name in behind:
             ref: CellRef = (name, ())
-            if ref not in jobs:
+            if ref not in self.jobs:
                 continue
-            results[ref], report = compute(jobs[ref], results)
+            results[ref], report = compute(self.jobs[ref], results)
             if report.status == "failed":
                 raise RequestError(f"the stage {name!r} broke off on a flat field: {report.message.splitlines()[-1]}")
             for variable, array in results[ref].arrays.items():

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue.physics.colour.matrices import RGB_TO_XYZ_SRGB
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
@@ -24,14 +25,14 @@ from etendue.report.tables import floored
 from etendue.session import Options, Outcome, execute
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
-from etendue.stages.colour.display import is_display, primaries_to_xyz
+from etendue.spec.roles import Displaying
 from etendue.studies.files import check_folder, finite, write_whole
 from etendue.studies.ideal import Ideal, ideal_of
 from etendue.studies.quality_figures import FLAT_SIZES, UNITS, Shot, figures
 
 PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
 SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}  # taken where the pipeline has them
-APPLIED = ("balance_gains", "exposure_time")  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
+APPLIED = ("balance_gains", "integration_time")  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
 SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
 MOST = 12  # pictures that are drawn unless told otherwise
 Show = Callable[[int, Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes]]
@@ -147,7 +148,7 @@ def quality(
         drawable += shown is not None
         if show is not None and shown is not None and number in chosen:
             result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
-    result.notes += [*_notes(result, camera_plan, flats), *floored(camera_plan, camera.reports)]
+    result.notes += [*_notes(result, camera_plan, flats, registry), *floored(camera_plan, camera.reports)]
     if show is not None and len(result.pictures) < drawable:
         result.notes.append(
             f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures {drawable} draws all"
@@ -251,24 +252,21 @@ def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
         [outcome.arrays.get(_ref(outcome, name, place), {}).get(variable) for name in _behind(outcome.plan, "rgb_camera", variable)]
         for variable in APPLIED
     )
-    known = [np.asarray(one, np.float64) for one in gains if one is not None]
-    time = next((float(one) for one in times if one is not None and np.ndim(one) == 0), None)
-    return Shot(
-        **pictures, gains=np.prod(known, axis=0) if known else None, exposure_time=time, to_xyz=_display_matrix(outcome.plan, place)
-    )
+    known = [np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None]  # of the first frame
+    time = next((float(one) for one in reversed(times) if one is not None and np.ndim(one) == 0), None)
+    return Shot(**pictures, gains=np.prod(known, axis=0) if known else None, time=time, to_xyz=_display_matrix(outcome.plan, place))
 
 
 def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
-    """Of the display that the picture is meant for; one that is not known by name has the primaries of sRGB."""
+    """Of the display that the picture is meant for; where no stage says, it has the primaries of sRGB."""
     if _writer(plan, "rgb_linear") is None:
         return None
     writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
     stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
-    display = next((stage.display for stage in stages if hasattr(stage, "display")), "sRGB")  # 'decode' has none of its own
-    return primaries_to_xyz(display if is_display(display) else "sRGB")
+    return next((stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB)  # some only decode
 
 
-def _notes(result: Comparison, plan: Plan, flats: int) -> list[str]:
+def _notes(result: Comparison, plan: Plan, flats: int, registry: Registry) -> list[str]:
     notes = []
     done = len(result.rows) - result.failed
     if done and _writer(plan, "rgb_linear") is None:
@@ -278,10 +276,10 @@ def _notes(result: Comparison, plan: Plan, flats: int) -> list[str]:
             f"{done - flats} of {done} pictures have no uniform region of {FLAT_SIZES[-1]} x {FLAT_SIZES[-1]} pixels: SNR flat and visible "
             "noise are not known"
         )
-    lacking = {"mean_snr": "exposure_report", "dr_emva": "dynamic_range"}
-    for variable, stage in lacking.items():
+    for variable in ("mean_snr", "dr_emva"):
         if done and _writer(plan, variable) is None:
-            notes.append(f"{variable} is not known: the pipeline has no stage {stage!r}")
+            stage = next(registry.makers(variable), "")
+            notes.append(f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known")
     return notes
 
 

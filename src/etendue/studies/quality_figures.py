@@ -33,7 +33,7 @@ class Shot:
 
     rgb_camera: Any
     gains: Any = None  # (channel,), that a balance of the mosaic has put into ``rgb_camera``
-    exposure_time: float | None = None  # s, where it was metered
+    time: float | None = None  # s, where it was metered
     rgb_linear: Any = None
     rgb_display: Any = None
     to_xyz: Any = None  # (3, 3), of the display: linear RGB to XYZ, Y = 1 for its white
@@ -128,8 +128,8 @@ def _as_exposed(shot: Shot, ideal: Shot) -> Any:
     scale = np.ones(len(shot.rgb_camera))
     for gains, sign in ((shot.gains, -1), (ideal.gains, 1)):
         scale *= 1.0 if gains is None else np.asarray(gains, np.float64) ** sign
-    if shot.exposure_time and ideal.exposure_time:
-        scale *= ideal.exposure_time / shot.exposure_time
+    if shot.time and ideal.time:
+        scale *= ideal.time / shot.time
     if np.all(scale == 1):
         return shot.rgb_camera
     return shot.rgb_camera * scale.astype(shot.rgb_camera.dtype)[:, None, None]

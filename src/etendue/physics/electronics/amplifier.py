@@ -1,7 +1,8 @@
 """What the electronics of a sensor do with charge: dark current by temperature, gain, noise by gain, saturation.
 
 In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), well (electrons), codes (DN).
-Out: factor on the dark current, read noise (electrons), charge at saturation (electrons), the lowest code of a clipped pixel (DN).
+Out: factor on the dark current, read noise (electrons), gain (DN/electron), charge at saturation (electrons), white level and the lowest
+     code of a clipped pixel (DN).
 Sources: Janesick 2001, "Scientific Charge-Coupled Devices" (dark current); EMVA 1288 release 4 linear (doubling
 temperature); Varshni's band gap of silicon as Janesick gives it.
 """
@@ -112,6 +113,102 @@ def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_g
     after = require.at_least_zero("after_gain", np.asarray(after_gain, dtype=float), " electrons")
     gain = require.above_zero("analogue_gain", np.asarray(analogue_gain, dtype=float))
     return np.hypot(before, after / gain)
+
+
+def full_well(pitch: float, fraction: float, density: float) -> float:
+    """Charge capacity of a pixel: density times light-sensitive area.
+
+    Parameters
+    ----------
+    pitch : float, um
+    fraction : float, dimensionless
+        Side of the light-sensitive square over the pitch.
+    density : float, electrons um-2
+
+    Returns
+    -------
+    float, electrons
+    """
+    return density * (pitch * fraction) ** 2
+
+
+def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
+    """The gain of the amplifier: as given, or as the ISO speed asks for.
+
+    Parameters
+    ----------
+    analogue_gain : float, dimensionless
+        Holds where ``iso`` is 0.
+    iso, base_iso : float
+        Speed, and speed at gain 1; 0: not given.
+
+    Returns
+    -------
+    float, dimensionless
+
+    Raises
+    ------
+    ValueError
+        A speed without the speed at gain 1, or a speed and a gain.
+    """
+    if iso == 0:
+        return float(analogue_gain)
+    if base_iso == 0:
+        raise ValueError(
+            f"iso = {iso:g} needs base_iso, the speed at analogue gain 1: take it from a data sheet, or leave iso out, put the stage "
+            "exposure_numbers into the pipeline and copy its saturation_iso"
+        )
+    if analogue_gain != 1:
+        raise ValueError(f"iso = {iso:g} and analogue_gain = {analogue_gain:g} are both given; one follows from the other")
+    return float(iso / base_iso)
+
+
+def dn_per_electron(conversion_gain: float, analogue_gain: float, full_well: float, black_level: float, bits: int) -> float:
+    """Digital numbers per electron at the analogue gain: from the conversion gain, or the full well at the top code.
+
+    Parameters
+    ----------
+    conversion_gain : float, DN/electron
+        At gain 1; 0: a full well reaches the top code at gain 1.
+    analogue_gain : float, dimensionless
+    full_well : float, electrons
+    black_level : float, DN
+    bits : int
+
+    Returns
+    -------
+    float, DN/electron
+
+    Raises
+    ------
+    ValueError
+        If the black level leaves no codes.
+    """
+    if conversion_gain > 0:
+        return float(conversion_gain) * analogue_gain
+    top = 2**bits - 1 - black_level
+    if top <= 0:
+        raise ValueError(f"black_level {black_level:g} leaves nothing of {bits} bits")
+    return top / full_well * analogue_gain
+
+
+def white_level(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
+    """Digital numbers between black and saturation: to the top code, or to the full well where that comes first.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+    gain_dn_per_electron : float, DN/electron
+    black_level : float, DN
+    bits : int
+
+    Returns
+    -------
+    float, DN above black
+    """
+    top = float(2**bits - 1 - black_level)
+    filled = full_well * gain_dn_per_electron
+    return top if filled >= top * (1 - 1e-12) else filled
 
 
 def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:

@@ -1,6 +1,6 @@
 """Colour filter arrays of any period: which pixel sees through which filter.
 
-In:  the name of an array, or its letters row by row ("RG/GB"); planes by channel; pixel indices.
+In:  the name of an array, its letters row by row ("RG/GB"), one letter, or a table of them; planes by channel; pixel indices.
 Out: a ``Mask``; one value per pixel; the index of each pixel's channel; positions beyond the border.
 Sources: Bayer, US patent 3971065 (1976). Quad-Bayer: each site of a Bayer cell four pixels large. RGBW: Compton and
 Hamilton, US patent 8139130 (2012), with panchromatic pixels on a checkerboard. X-Trans: the 6 x 6 cell of Fujifilm's X
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,13 +61,32 @@ class Mask:
         return "/".join(self.rows)
 
 
+def read(pattern: str) -> Mask:
+    """The mask of a camera's ``pattern``: of `parse`, or of the rows in a .csv file.
+
+    Raises
+    ------
+    ValueError
+        As `parse` and `parse_rows`, and for a file that cannot be read; it names the file.
+    """
+    if not pattern.endswith(".csv"):
+        return parse(pattern)
+    try:
+        return parse_rows(Path(pattern).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise ValueError(f"{pattern}: {error.strerror}") from None
+    except ValueError as error:  # of the encoding too
+        raise ValueError(f"{pattern}: {error}") from None
+
+
 def parse(text: str) -> Mask:
     """The mask with a name, or with these letters.
 
     Parameters
     ----------
     text : str
-        One of `NAMES`, in any case; or rows of letters separated by "/", all of one length, such as "RG/GB".
+        One of `NAMES`, in any case; or rows of letters separated by "/", all of one length, such as "RG/GB"; or one letter, of
+        pixels that all have the same filter, such as those of one plane.
 
     Returns
     -------
@@ -79,7 +99,7 @@ def parse(text: str) -> Mask:
     """
     by_name = {name.casefold(): name for name in NAMES}
     name = by_name.get(text.strip().casefold())
-    if name is None and "/" not in text:
+    if name is None and "/" not in text and not (len(text.strip()) == 1 and text.strip().isalpha()):
         raise ValueError(
             f"pattern is {text!r}; allowed are {', '.join(BAYER)}, these with quad- before, {', '.join(_OTHERS)}, "
             "rows such as 'RG/GB', or a .csv file"

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import RGB, XYZ, Grid, Labels, Stage, measured, param
+from etendue.api import RGB, XYZ, Displaying, Grid, Labels, Stage, measured, param
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.colour import matrices
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -63,7 +63,7 @@ def check_display(name: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Display(Stage):
+class Display(Displaying):
     """Tristimulus values to linear display primaries: the inverse of primaries x cones (section 3.2 of the paper).
 
     An RGB space has no spectra: there it is the inverse of the matrix of its primaries and white.
@@ -87,6 +87,9 @@ class Display(Stage):
 
     def assumes(self) -> dict[str, Any]:
         return {"the display": self.display, "the white of the display": white_name(self.display)}
+
+    def to_xyz(self) -> Any:
+        return primaries_to_xyz(self.display)
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
@@ -141,13 +144,16 @@ class ToCones(_Cones):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FromCones(_Cones):
+class FromCones(_Cones, Displaying):
     """Cone responses to linear display primaries: the inverse of ``to_cones``."""
 
     role: ClassVar = "cones"
     reads: ClassVar = {"lms": "channel y x [1]"}
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
     creates: ClassVar = {"channel": RGB}
+
+    def to_xyz(self) -> Any:
+        return primaries_to_xyz(self.display)
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         return {"rgb_linear": inputs["lms"].replace(channel=RGB)}

@@ -12,13 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Stage, ends, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Noisy, ends, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
-from etendue.stages.electronics.gain_chain import full_well
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exposure(Stage):
+class Exposure(Noisy):
     """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
 
     role: ClassVar = "exposure"
@@ -44,6 +43,11 @@ class Exposure(Stage):
         """Mean dark charge after a time, electron."""
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
+
+    def variance(self, charge: float) -> float:
+        """Of the two patterns, of a pixel with this charge, the dark one included."""
+        dark = float(self.dark_charge(self.integration_time))
+        return float((self.prnu * (charge - dark)) ** 2 + (self.dark_nonuniformity * dark) ** 2)
 
     def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
         kind = photocurrent.dtype.type
@@ -72,7 +76,7 @@ class Exposure(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShotNoise(Stage):
+class ShotNoise(Noisy):
     """Photons arrive one by one: Poisson about the expected charge."""
 
     role: ClassVar = "shot noise"
@@ -97,6 +101,9 @@ class ShotNoise(Stage):
     @property
     def common_draws(self) -> bool:
         return self.noise == "common"
+
+    def variance(self, charge: float) -> float:
+        return charge
 
     def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
         if self.common_draws:
@@ -130,7 +137,7 @@ class FullWell(Bounded):
     full_well_density: float = quantity("full_well_density")
 
     def capacity(self) -> float:
-        return full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+        return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
 
     def run(self, charge: Any) -> dict[str, Any]:
         return {"charge": np.minimum(charge, charge.dtype.type(self.capacity()))}

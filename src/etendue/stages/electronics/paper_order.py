@@ -14,7 +14,6 @@ import numpy as np
 
 from etendue.api import Stage, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range
-from etendue.stages.electronics.gain_chain import full_well
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +34,7 @@ class ChargeFraction(Stage):
     reference_time: float = param(0.01, units="s", above=0)
 
     def run(self, photocurrent: Any) -> dict[str, Any]:
-        capacity = full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+        capacity = amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
         return {
             "mosaic_linear": photocurrent * photocurrent.dtype.type(self.reference_time / capacity),
             "clipping_level": np.array(1.0),  # where paper_exposure clips
@@ -72,7 +71,7 @@ class PaperExposure(Stage):
 
     def run(self, rgb_camera: Any) -> dict[str, Any]:
         kind = rgb_camera.dtype.type
-        capacity = full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+        capacity = amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
         dark = float(dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, self.integration_time))
         smallest = kind(math.sqrt(dark + self.read_noise**2 + self.dsnu**2) / capacity)

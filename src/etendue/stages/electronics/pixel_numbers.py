@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Probe, Stage, proved, quantity
+from etendue.physics.electronics.amplifier import full_well
 from etendue.physics.light import radiometry
-from etendue.stages.electronics.gain_chain import full_well
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Noisy, Scaled, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier, Bounded):
+class ReadNoise(Amplifier, Bounded, Noisy):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
@@ -47,6 +47,9 @@ class ReadNoise(Amplifier, Bounded):
         """Temporal noise, referred to the pixel, electron."""
         return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
 
+    def variance(self, charge: float) -> float:
+        return self.sigma() ** 2 + self.dsnu**2
+
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
         kind, sigma = charge.dtype.type, self.sigma()
         if sigma > 0:
@@ -68,10 +71,11 @@ class ReadNoise(Amplifier, Bounded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinePattern(Bounded):
+class LinePattern(Bounded, Noisy):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"
+    by_line: ClassVar = True
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0
@@ -90,6 +94,9 @@ class LinePattern(Bounded):
     @property
     def common_draws(self) -> bool:
         return self.noise == "common"
+
+    def variance(self, charge: float) -> float:
+        return self.row_pattern**2 + self.column_pattern**2 + self.row_noise**2 + self.column_noise**2
 
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
         kind = charge.dtype.type
@@ -115,7 +122,7 @@ class LinePattern(Bounded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Adc(GainChain):
+class Adc(GainChain, Noisy):
     """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well is full."""
 
     role: ClassVar = "converter"
@@ -131,6 +138,9 @@ class Adc(GainChain):
 
     def __post_init__(self) -> None:
         analogue_gain(self)  # a speed that cannot be had is refused before anything runs
+
+    def variance(self, charge: float) -> float:
+        return 1 / (12 * self.dn_per_electron() ** 2)
 
     def run(self, charge: Any) -> dict[str, Any]:
         return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}
@@ -152,7 +162,7 @@ class Adc(GainChain):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linearise(KnownNoise):
+class Linearise(KnownNoise, Scaled):
     """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept.
 
     ``clipping_level`` is the lowest value that a clipped pixel has: rounding, and noise behind a well that ends below the top code,

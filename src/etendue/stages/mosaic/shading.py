@@ -89,13 +89,13 @@ class LensShading(Conjugates, Bounded):
         return found
 
     def rows(self) -> shading.GainTable:
-        """The table; its columns are channels of the pattern, or one for all."""
+        """The table; its columns are channels of the pattern, or one for all; of a plane alone, its own among them."""
         table = _table(self.table, file_state(self.table))
-        channels = mask_of(self.pattern).channels
-        if len(table.columns) > 1 and set(table.columns) != set(channels):
+        channels, columns = set(mask_of(self.pattern).channels), set(table.columns)
+        if len(columns) > 1 and channels != columns and not (len(channels) == 1 and channels < columns):
             raise ValueError(
                 f"{self.table} has columns {', '.join(table.columns)}, but the pattern {self.pattern!r} has channels "
-                f"{', '.join(channels)}; give one column for each, or one for all"
+                f"{', '.join(mask_of(self.pattern).channels)}; give one column for each, or one for all"
             )
         return table
 
@@ -145,9 +145,10 @@ class LensShading(Conjugates, Bounded):
         fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
         return {"the fall-off": fall_off, "the response by angle": ("power", self.power)}
 
-    def warn_among(self, uses: Any) -> list[str]:
-        if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and "vignetting" in uses:
-            return ["the lens has a rim (stage vignetting) of which this correction knows nothing: give it rim_radius and rim_distance too"]
+    def warn_among(self, others: Any) -> list[str]:
+        rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
+        if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
+            return [f"the lens has a rim (stage {rims[0]}) of which this correction knows nothing: give it rim_radius and rim_distance too"]
         return []
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
@@ -165,24 +166,3 @@ class LensShading(Conjugates, Bounded):
                 "its last row holds beyond"
             )
         return notes
-
-
-@dataclass(frozen=True, kw_only=True)
-class LensShadingPlanes(LensShading):
-    """``lens_shading`` of full planes: for a reference that never was a mosaic (``full_planes``)."""
-
-    role: ClassVar = "shading correction"
-    reads: ClassVar = {"rgb_camera": "channel y x [1]"}
-    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-
-    def grid(self, inputs: Any) -> dict[str, Grid]:
-        found, channels = tuple(map(str, inputs["rgb_camera"]["channel"].values())), mask_of(self.pattern).channels
-        if found != channels:
-            raise ValueError(f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but rgb_camera has {', '.join(found)}")
-        return {}
-
-    def run(self, rgb_camera: Any, y_um: Any, x_um: Any) -> dict[str, Any]:  # type: ignore[override]
-        return {"rgb_camera": rgb_camera * self.gains(y_um, x_um).astype(rgb_camera.dtype, copy=False)}
-
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
-        return []

@@ -164,38 +164,17 @@ class BalanceMosaic(Stage):
         channels = _same_channels(inputs["white"], self.pattern, "white")
         return {"white": channels, "balance_gains": channels}
 
-    def run(self, mosaic_linear: Any, white: Any, clipping_level: Any, y: Any, x: Any) -> dict[str, Any]:
-        gains = white_balance.gains_of(white)
+    def run(self, mosaic_linear: Any, white: Any, clipping_level: Any, y: Any, x: Any, channel: Any) -> dict[str, Any]:
+        gains, mask = white_balance.gains_of(white), mask_of(self.pattern)
+        own = gains[[list(channel).index(name) for name in mask.channels]]  # of a plane alone, its own
         clipped = float(clipping_level)  # the smallest gain is 1
         shown = white_balance.display_white(float(np.max(white)), clipped, self.brightness == "camera")
         ceiling = clipped if self.highlights == "neutral" else math.inf
         return {
-            "mosaic_linear": white_balance.balanced(mosaic_linear, gains, mask_of(self.pattern), *first_pixel(y, x), ceiling),
+            "mosaic_linear": white_balance.balanced(mosaic_linear, own, mask, *first_pixel(y, x), ceiling),
             "white": np.full_like(white, shown),
             "balance_gains": gains,
         }
-
-
-@dataclass(frozen=True, kw_only=True)
-class BalancePlanes(Stage):
-    """Full planes with the gains of ``balance_mosaic``: for a reference that never was a mosaic (``full_planes``), unclipped."""
-
-    role: ClassVar = "white balance"
-    reads: ClassVar = {"rgb_camera": "channel y x [1]", "balance_gains": "channel [1]"}
-    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-    gain: ClassVar = None
-    negative: ClassVar = "keep"
-    nanoseconds: ClassVar = 3.0
-    error: ClassVar = proved(3e-7, 4e-16)
-
-    def grid(self, inputs: Any) -> dict[str, Grid]:
-        planes, gains = (tuple(inputs[port]["channel"].values()) for port in ("rgb_camera", "balance_gains"))
-        if planes != gains:
-            raise ValueError(f"rgb_camera has channels {' '.join(map(str, planes))}, but balance_gains has {' '.join(map(str, gains))}")
-        return {}
-
-    def run(self, rgb_camera: Any, balance_gains: Any) -> dict[str, Any]:
-        return {"rgb_camera": rgb_camera * balance_gains.astype(rgb_camera.dtype)[:, None, None]}
 
 
 def _same_channels(grid: Grid, pattern: str, variable: str) -> Grid:

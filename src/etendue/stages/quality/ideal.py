@@ -1,7 +1,10 @@
-"""What a camera without noise, converter and mosaic would give: the reference that alternatives are compared with.
+"""The camera without noise, converter and mosaic: stages that studies put in the place of others, for the picture to compare with.
 
 In:  ``photon_rate`` (channel, y, x) or ``photocurrent`` (y, x), electron/s, of the same pixel stage.
-Out: ``rgb_camera`` (channel, y, x) or ``mosaic_linear`` (y, x), 1 where pixels saturate.
+Out: ``photocurrent``, ``mosaic_linear`` and ``rgb_camera`` of every channel at every pixel, or of the mosaic; 1 where pixels saturate.
+
+Full planes are a mosaic run plane by plane: between ``no_mask`` and ``no_demosaicing`` every stage that works on a mosaic is given one
+plane after the other, each as the mosaic of a sensor with one filter.
 """
 
 from __future__ import annotations
@@ -11,70 +14,89 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Facts, Grid, proved, quantity
+from etendue.api import Facts, Grid, Stage, param, proved, quantity
 from etendue.physics.sensor.crosstalk_planes import diffuse_planes
+from etendue.spec.roles import CROSSTALK
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.sensor.crosstalk import Crosstalk, channel_kernels
 from etendue.stages.sensor.masks import mask_of
 
+UNCLIPPED = 1e30  # a level of clipping that no value reaches
 
-@dataclass(frozen=True, kw_only=True)
-class _Ideal(GainChain):
-    """Electrons per second to the scale of ``mosaic_linear``."""
+
+class _HandedOn(Stage):
+    """All planes as they are, under another name."""
 
     role: ClassVar = "reference"
-    negative: ClassVar = "clip"  # the undershoot of band-limited light, as in front of the Poisson draw
-    error: ClassVar = proved(2e-7, 4e-16)
-
-    integration_time: float = quantity("integration_time")
-
-    def scale(self) -> float:
-        """Of photoelectrons per second: the time, the gain of the converter, over black to white."""
-        return self.integration_time * self.dn_per_electron() / self.white()
+    gain: ClassVar = 1.0
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 1.0
+    error: ClassVar = proved(0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FullPlanes(_Ideal):
-    """Every channel at every pixel, noise-free and unclipped: what ``mosaic_linear`` would be without noise, converter and mosaic.
-
-    Takes the place of a demosaicer. Without dark charge and the fixed patterns of the sensor (PRNU, DSNU).
-    """
+class NoMask(_HandedOn):
+    """Behind every pixel all filters at once: every channel at every pixel. Takes the place of ``mosaic``."""
 
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
-    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
-    gain: ClassVar = 1.0
-    nanoseconds: ClassVar = 3.0
+    writes: ClassVar = {"photocurrent": "channel y x [electron/s]"}
 
     crosstalk: str = quantity("crosstalk")
 
     def run(self, photon_rate: Any) -> dict[str, Any]:
-        return {"rgb_camera": photon_rate * photon_rate.dtype.type(self.scale())}
+        return {"photocurrent": photon_rate.copy()}
 
-    def warn_among(self, uses: frozenset[str]) -> list[str]:
-        if self.crosstalk != "through_filter" or "crosstalk" not in uses or "crosstalk_planes" in uses:
+    def warn_among(self, others: Any) -> list[str]:
+        if self.crosstalk != "through_filter":
+            return []
+        mixing = [kind for kind in others.values() if kind.role == CROSSTALK]
+        if not mixing or any("photon_rate" in kind.writes for kind in mixing):
             return []
         return ["charge diffuses behind the filters, but not in these planes: put crosstalk_planes before them"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdealMosaic(_Ideal):
-    """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where pixels saturate."""
+class IdealMosaic(GainChain):
+    """Expected values in place of exposure, noise and converter: the mosaic without noise and rounding, clipped where pixels saturate.
 
+    Without dark charge and the fixed patterns of the sensor (PRNU, DSNU).
+    """
+
+    role: ClassVar = "reference"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
+    negative: ClassVar = "clip"  # the undershoot of band-limited light, as in front of the Poisson draw
     nanoseconds: ClassVar = 2.0
+    error: ClassVar = proved(2e-7, 4e-16)
+
+    integration_time: float = quantity("integration_time")
+    clip: bool = param(True, doc="whether pixels end where they saturate; false: nowhere, for pictures to compare with")
 
     def run(self, photocurrent: Any) -> dict[str, Any]:
         kind = photocurrent.dtype.type
-        return {"mosaic_linear": np.minimum(photocurrent * kind(self.scale()), kind(1)), "clipping_level": np.array(1.0)}
+        # photoelectrons per second: times the time and the gain of the converter, over black to white
+        found = photocurrent * kind(self.integration_time * self.dn_per_electron() / self.white())
+        if not self.clip:
+            return {"mosaic_linear": found, "clipping_level": np.array(UNCLIPPED)}
+        return {"mosaic_linear": np.minimum(found, kind(1)), "clipping_level": np.array(1.0)}
+
+
+class NoDemosaicing(_HandedOn):
+    """Full planes, of which nothing has to be invented, as camera channels. Takes the place of a demosaicer behind ``no_mask``."""
+
+    reads: ClassVar = {"mosaic_linear": "channel y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+
+    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+        return {"rgb_camera": mosaic_linear.copy()}
 
 
 @dataclass(frozen=True, kw_only=True)
 class CrosstalkPlanes(Crosstalk):
     """Crosstalk behind the filters for full planes: at every pixel what each channel would collect beside the mask's neighbours.
 
-    Goes with ``full_planes`` where ``crosstalk`` goes with a mosaic (``crosstalk = "through_filter"``).
+    Stands in front of ``no_mask`` where ``crosstalk`` stands behind a mosaic (``crosstalk = "through_filter"``).
     """
 
     role: ClassVar = "crosstalk"

@@ -14,11 +14,10 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from etendue.api import Labels, Probe, param, quantity
+from etendue.api import InSilicon, Labels, Probe, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
 from etendue.spec.capabilities import ends_in_sum
-from etendue.stages.sensor.pixel import Diffusion
 
 POINT_NODES = 160  # of the integral behind the picture of a point: 80 times its smallest detail is far enough
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
@@ -48,10 +47,10 @@ def response(otf: Any, weights: Any, towards: tuple[float, float], rendering: bo
 
 
 def factor_of(stage: Any) -> str:
-    """Which factor a stage with a transfer function belongs to: what is no photodiode is in front of it."""
+    """Which factor a stage with a transfer function belongs to: what is not of the sensor is in front of it."""
     if ends_in_sum(type(stage)):
         return "geometry"
-    return "diffusion" if isinstance(stage, Diffusion) else "lens"
+    return "diffusion" if isinstance(stage, InSilicon) else "lens"
 
 
 def gains(otf: Any, weights: Any, towards: tuple[float, float], nyquist: float, highest: float, nodes: int) -> Any:

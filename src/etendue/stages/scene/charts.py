@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
+from etendue.api import Banded, Bands, EdgeScene, Facts, FlatScene, Grid, Line, Source, param, quantity
 from etendue.physics.colour.encoding import srgb_decode
 from etendue.physics.scene import charts, composite, resampling
 from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
@@ -169,7 +169,7 @@ def _contrast(low: float, high: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Uniform(Scene):
+class Uniform(Scene, FlatScene):
     """The same light everywhere."""
 
     reflectance: float = param(1.0, at_least=0, at_most=1)
@@ -182,7 +182,7 @@ class Uniform(Scene):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlantedEdge(Scene):
+class SlantedEdge(Scene, EdgeScene):
     """A straight edge, dark left and light right, tilted from the vertical (ISO 12233)."""
 
     angle: float = param(5.0, units="deg", above=-90, below=90)

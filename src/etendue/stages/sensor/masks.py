@@ -7,7 +7,6 @@ Out: a ``cfa.Mask``; the first pixel of the window.
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from etendue.physics.sensor import cfa
@@ -21,14 +20,7 @@ def mask_of(pattern: str) -> cfa.Mask:
 
 @lru_cache(maxsize=64)
 def _mask(pattern: str, state: tuple[int, int]) -> cfa.Mask:
-    if not pattern.endswith(".csv"):
-        return cfa.parse(pattern)
-    try:
-        return cfa.parse_rows(Path(pattern).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise ValueError(f"{pattern}: {error.strerror}") from None
-    except ValueError as error:  # of the encoding too
-        raise ValueError(f"{pattern}: {error}") from None
+    return cfa.read(pattern)
 
 
 def bayer_order(pattern: str, what: str) -> str:

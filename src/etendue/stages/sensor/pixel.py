@@ -13,10 +13,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, param, quantity
+from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, Transfer, param, quantity
 from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
+from etendue.spec.roles import CROSSTALK
 from etendue.stages.sensor.sensitivity import (
     FLAT,
     Collecting,
@@ -30,7 +31,7 @@ from etendue.transfers import Product
 
 
 @dataclass(frozen=True, kw_only=True)
-class Diffusion(Transfer, Bounded):
+class Diffusion(Transfer, Bounded, InSilicon):
     """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
 
     role: ClassVar = "diffusion"
@@ -195,8 +196,8 @@ class Pixel(Collecting, Summed):
             *self._charge_under_other_filters(facts, grids),
         ]
 
-    def warn_among(self, uses: frozenset[str]) -> list[str]:
-        if self.crosstalk != "through_filter" or "crosstalk" in uses:
+    def warn_among(self, others: Any) -> list[str]:
+        if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
             return []
         return ["crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at all"]
 
