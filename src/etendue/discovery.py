@@ -128,10 +128,11 @@ class Discovery:
         known: ModuleType | None = self._manager.get_plugin(plugin)
         if known is not None:
             return known
+        module: Any = None
         try:
             # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would break all.
             with foreign(f"{origin} cannot be read: its manifest {point.value}"):
-                module: ModuleType = point.load()
+                module = point.load()
                 if getattr(getattr(module, "__spec__", None), "_initializing", False):
                     return None
                 with self._lock:
@@ -139,14 +140,15 @@ class Discovery:
                         self._manager.register(module, plugin)
                         self._manager.check_pending()
         except PluginError as error:
-            if self._manager.is_registered(module):
+            if module is not None and self._manager.is_registered(module):
                 self._manager.unregister(module)
             self._broken[broken] = str(error)
             raise
         if not self._manager.get_hookcallers(module):
             self._broken[broken] = f"{origin} cannot be read: its manifest {point.value} has no @hookimpl of {hookspecs.PROJECT}"
             raise PluginError(self._broken[broken])
-        return module
+        found: ModuleType = module
+        return found
 
     def _asked(self, module: ModuleType, what: str, distribution: str, version: str) -> dict[str, Brought]:
         others = self._manager.get_plugins() - {module}

@@ -155,7 +155,7 @@ def test_the_stages_as_json_have_their_fields(inside):
     for document in documents:
         assert {"name", "distribution", "version", "reads", "writes", "parameters"} <= set(document)
     shot_noise = next(d for d in documents if d["name"] == "shot_noise")
-    assert shot_noise["reads"] == {"expected_charge": "expected_charge: ... y x [electron]"}
+    assert shot_noise["reads"] == {"expected_charge": "expected_charge: y x [electron]"}
     assert shot_noise["parameters"]["exact_below"]["units"] == "electron"
 
 

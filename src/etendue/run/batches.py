@@ -17,7 +17,7 @@ from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
 from etendue.run.jobs import Job
 from etendue.run.order import depth_first
-from etendue.run.ownership import as_it_was
+from etendue.run.ownership import in_its_place
 from etendue.run.segments import Result
 from etendue.spec.ports import CellReport
 
@@ -104,7 +104,7 @@ def run_batch(
     own = set(exports)
     reports, kept = [], {}
     clock: float | None = None
-    with as_it_was():  # once a batch: asking for the working directory costs more than all else around a small cell
+    with in_its_place():
         for number, job in enumerate(jobs):
             began = time.thread_time() if clock is None else clock
             if job.ref in doomed:

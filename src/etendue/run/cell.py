@@ -21,7 +21,7 @@ from etendue.run.found import with_found
 from etendue.run.given import Clipped, arguments
 from etendue.run.jobs import Job
 from etendue.run.mapped import one_by_one
-from etendue.run.ownership import as_array, for_reading, frozen, taken
+from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred
 from etendue.spec.capabilities import is_transfer
 from etendue.spec.ports import CellReport
@@ -108,7 +108,8 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             result, arrays = _load(job, results)
             result.arrays, result.lowest = arrays, _undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
-        result, arrays = _made(job, results, clipped)
+        with as_it_was():
+            result, arrays = _made(job, results, clipped)
         seconds = time.thread_time() - began + elsewhere.seconds
         written: tuple[Any, ...] = ()
         if job.target and job.store:

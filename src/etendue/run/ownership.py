@@ -89,10 +89,20 @@ def as_array(name: str, variable: str, value: Any) -> Any:
 
 
 @contextmanager
+def in_its_place() -> Iterator[None]:
+    """The working directory is put back behind some cells: asking for it costs more than all else around a small cell."""
+    folder = here()
+    try:
+        yield
+    finally:
+        if folder and here() != folder:
+            os.chdir(folder)
+
+
+@contextmanager
 def as_it_was() -> Iterator[None]:
-    """Whatever a plugin changes about its process is put back behind it: error handling of numpy, warnings, working directory."""
-    folder, filters = here(), warnings.filters
-    shown = warnings.showwarning
+    """Whatever a stage changes about how its process warns and handles errors of numpy is put back behind it."""
+    filters, shown = warnings.filters, warnings.showwarning
     kept = list(filters)
     with np.errstate():
         try:
@@ -103,5 +113,3 @@ def as_it_was() -> Iterator[None]:
                 warnings._filters_mutated()  # type: ignore[attr-defined]
             if warnings.showwarning is not shown:
                 warnings.showwarning = shown
-            if folder and here() != folder:
-                os.chdir(folder)

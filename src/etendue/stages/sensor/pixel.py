@@ -175,6 +175,9 @@ class Pixel(Collecting, Summed):
         basis = expansion.wavelength_basis(weights, self.wavelength_terms, transfer, passed)
         return bound + float((passed * expansion.expansion_residual(weights, transfer, basis).max(axis=0)).max()), "fitted"
 
+    def terms(self) -> int:
+        return self.wavelength_terms
+
     def passed(self, frequency: Any) -> Any:
         """The largest value of the aperture's transfer function at a radial frequency, over all directions."""
         width = self.pixel_pitch * self.aperture_fraction
