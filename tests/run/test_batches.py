@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from etendue.run.batches import partition, run_batch
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.order import depth_first
 from etendue.run.parallel import run_parallel
 from etendue.run.segments import Result
@@ -66,8 +66,7 @@ def job_of(number, needs, seconds):
         ref=(f"n{number}", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "[1]")}, grids={"out": Grid()},
         input_grids={port: Grid() for port in PORTS[: len(needs)]},
         inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
-        looks_at=(), transfers=(), bands=(), channel_weights=None, previous=None, left_out=False, seed=b"", sensor_seed=b"",
-        precision="float64", store=(), deliver=("out",), spectrum=False, target=None, seconds=seconds,
+        left_out=False, seed=b"", sensor_seed=b"", precision="float64", store=(), deliver=("out",), target=None, seconds=seconds,
     )  # fmt: skip
 
 

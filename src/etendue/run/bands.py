@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import PluginError, refused_by_the_machine
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.ownership import for_reading, frozen
 from etendue.run.tables import coordinates_of, prepared_of
 from etendue.spec.capabilities import is_source

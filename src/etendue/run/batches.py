@@ -15,7 +15,7 @@ from types import MappingProxyType
 from etendue.plan.model import CellRef
 from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.order import depth_first
 from etendue.run.ownership import in_its_place
 from etendue.run.segments import Result

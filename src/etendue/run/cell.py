@@ -19,7 +19,7 @@ from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
 from etendue.run.found import with_found
 from etendue.run.given import Clipped, arguments
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.mapped import one_by_one
 from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
 from etendue.run.segments import Result, transferred

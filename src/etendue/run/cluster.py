@@ -15,7 +15,7 @@ from etendue.errors import EtendueError, MachineError, RequestError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.watch import Stop, Stopped
 from etendue.run.workers import one_thread_inside
 from etendue.telling import plain, said

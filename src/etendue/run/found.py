@@ -13,41 +13,42 @@ from typing import Any
 from etendue.plan.asking import made
 from etendue.plan.model import CellRef
 from etendue.plan.words import line, seed_of
-from etendue.run.jobs import Job
+from etendue.run.job import Found, Job
 from etendue.spec.stage import Stage, quantities_of
-
-Found = tuple[tuple[str, CellRef, str], ...]
 
 
 def with_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...] = ()) -> Job:
     """The job with what was found; ``at``: the slice that is computed, of quantities that have a value for each."""
     if not job.awaited:
         return job
-    changed: dict[str, Any] = {"stage": stage_found(job, results, at), "seed": seed_found(job, results, at)}
-    if job.found_by:
-        pairs = zip(job.transfers, job.found_by, strict=True)
-        changed["transfers"] = tuple(_made_again(stage, found, results, job, at) for stage, found in pairs)
-    if job.found_before and job.joined:
-        pairs = zip(job.joined, job.found_before, strict=True)
-        changed["joined"] = tuple(_made_again(stage, found, results, job, at) for stage, found in pairs)
-    return replace(job, found=(), found_by=(), found_before=(), open_words=(), **changed)
+    segment, looking = job.segment, job.looking
+    if segment and segment.found and segment.joined:
+        segment = replace(segment, joined=_each(segment.joined, segment.found, results, job, at), found=())
+    if looking and looking.found:
+        looking = replace(looking, transfers=_each(looking.transfers, looking.found, results, job, at), found=())
+    stage, seed = stage_found(job, results, at), seed_found(job, results, at)
+    return replace(job, stage=stage, seed=seed, waiting=None, segment=segment, looking=looking)
+
+
+def _each(stages: tuple[Any, ...], found: tuple[Found, ...], results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Any:
+    return tuple(_made_again(stage, own, results, job, at) for stage, own in zip(stages, found, strict=True))
 
 
 def stage_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> Stage:
     """The stage of a job with what was found for it, or for a slice of it."""
-    return _made_again(job.stage, job.found, results, job, at) if job.found else job.stage
+    return _made_again(job.stage, job.waiting.found, results, job, at) if job.waiting and job.waiting.found else job.stage
 
 
 def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) -> bytes:
     """The words of a job's random numbers, complete."""
-    if not job.open_words:
+    if not (job.waiting and job.waiting.words):
         return job.seed
     lines = set(job.seed.decode().split("\n")) - {""}
-    for word in job.open_words:
+    for word in job.waiting.words:
         value = _value(results, word.ref, word.variable, job, at)
         if value != word.default:
             lines.add(line(word.stage, word.name, value))
-    return seed_of(job.seed_number, job.ref[0], lines)
+    return seed_of(job.waiting.seed, job.ref[0], lines)
 
 
 def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Stage:
@@ -73,6 +74,6 @@ def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job:
 def _value(results: Mapping[CellRef, Any], ref: CellRef, variable: str, job: Job, at: tuple[int, ...]) -> Any:
     """What a cell has found: a number, of a slice its own; where slices have ended behind it, all of them."""
     array = results[ref].arrays[variable]
-    if at:
-        array = array[tuple(at[i] for i in job.leading[ref[0], variable])]
+    if at and job.mapped:
+        array = array[tuple(at[i] for i in job.mapped.leading[ref[0], variable])]
     return float(array) if array.ndim == 0 else tuple(map(float, array.ravel()))

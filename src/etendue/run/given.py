@@ -15,7 +15,7 @@ from etendue.errors import PluginError
 from etendue.physics.electronics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded
-from etendue.run.jobs import Job
+from etendue.run.job import Job, Looking
 from etendue.run.otf import transfers_of, weights_of
 from etendue.run.ownership import for_reading, frozen
 from etendue.run.segments import Result
@@ -23,6 +23,7 @@ from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
 from etendue.spec.capabilities import Probe
 from etendue.spec.stage import Stage, arguments_of, optional_ports
 
+NOTHING = Looking()
 Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
 
 
@@ -72,11 +73,12 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
 def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
     """What ``run`` asks for beside the arrays of its ports."""
     given: dict[str, Any] = {}
-    for port, what, pairs in job.looks_at:
+    looking = job.looking or NOTHING
+    for port, what, pairs in looking.ports:
         if what == "transfer":
             given[port] = transfers_of(job)
         elif isinstance(job.stage, Probe) and job.stage.with_grids:
-            seen = zip(pairs, job.looked_grids[port], strict=True)
+            seen = zip(pairs, looking.grids[port], strict=True)
             given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
         else:
             given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
@@ -105,6 +107,6 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
 
 def _prepared(job: Job) -> Any:
     """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
-    if type(job.stage).prepare is not Stage.prepare or not job.transfers:
+    if type(job.stage).prepare is not Stage.prepare or not (job.looking and job.looking.transfers):
         return prepared_of(job.stage, job.input_grids, job.grids)
-    return None if job.channel_weights is None else weights_of(job.channel_weights, job.bands)
+    return None if job.looking.channel_weights is None else weights_of(job.looking.channel_weights, job.looking.bands)

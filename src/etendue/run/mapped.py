@@ -17,7 +17,7 @@ from etendue.physics.electronics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.found import seed_found, stage_found, with_found
 from etendue.run.given import Clipped, beside, looked_through, not_negative
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.ownership import as_array, for_reading
 from etendue.run.segments import Result, transferred
 from etendue.spec.capabilities import Transfer, is_random
@@ -33,7 +33,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     if isinstance(job.stage, Transfer):
         return slices.joined([transferred(*slices.alone(at))[1] for at in np.ndindex(*slices.sizes)], check)
     names = arguments_of(type(job.stage))
-    if job.stage.elementwise and not (job.found or slices.along or is_random(type(job.stage))):
+    if job.stage.elementwise and not (slices.found or slices.along or is_random(type(job.stage))):
         return slices.at_once(names, check)
     arrays: dict[str, Any] = {}
     constant: dict[str, Any] = {}
@@ -72,18 +72,21 @@ class _Slices:
     """A job in slices: what each is given, and where it goes."""
 
     def __init__(self, job: Job, results: Results, clipped: Clipped) -> None:
+        mapped = job.mapped
+        assert mapped is not None
         self.job, self.results, self.clipped = job, results, clipped
-        self.dims = [dim for dim, _ in job.mapped]
-        self.labels = [list(coordinate.values()) for _, coordinate in job.mapped]
+        self.found = job.waiting.found if job.waiting else ()
+        self.dims = [dim for dim, _ in mapped.dims]
+        self.labels = [list(coordinate.values()) for _, coordinate in mapped.dims]
         self.sizes = tuple(len(own) for own in self.labels)
         declared = {d.variable: d for d in writes_of(type(job.stage)).values() if d.variable in job.writes}
         self.led = [v for v, d in declared.items() if job.writes[v].dims != d.dims]  # the others have the dim themselves
         grids = {v: job.grids[v].take(d.dims) for v, d in declared.items()}
-        self.core = replace(job, mapped=(), found=(), open_words=(), writes=declared, grids=grids)
+        self.core = replace(job, mapped=None, waiting=None, writes=declared, grids=grids)
         self.along = {n: self.dims.index(p.along) for n, p in quantities_of(type(job.stage)).items() if p.along in self.dims}
-        self.given = [(port, looked_through(job, results, port, ref, v), job.leading[ref[0], v]) for port, ref, v in job.inputs]
+        self.given = [(port, looked_through(job, results, port, ref, v), mapped.leading[ref[0], v]) for port, ref, v in job.inputs]
         self.negative = {p for p, ref, v in job.inputs if job.stage.negative == "clip" and results[ref].lowest.get(v, 0.0) < 0}
-        self.prepares_anew = bool((job.found or self.along) and type(job.stage).prepare is not Stage.prepare)
+        self.prepares_anew = bool((self.found or self.along) and type(job.stage).prepare is not Stage.prepare)
 
     def stage_at(self, at: tuple[int, ...]) -> Stage:
         """The stage of a slice, with what was found for it and the labels it stands at."""
@@ -99,7 +102,7 @@ class _Slices:
 
     def alone(self, at: tuple[int, ...]) -> tuple[Job, dict[CellRef, Result]]:
         """A slice as a job of its own, and what it reads."""
-        own = with_found(replace(self.job, mapped=(), writes=self.core.writes, grids=self.core.grids), self.results, at)
+        own = replace(with_found(self.job, self.results, at), mapped=None, writes=self.core.writes, grids=self.core.grids)
         seen = dict(self.results)
         for (_, ref, variable), array in zip(own.inputs, self.arrays_at(at).values(), strict=True):
             seen[ref] = Result(arrays={variable: array}, lowest=self.results[ref].lowest)
@@ -122,7 +125,7 @@ class _Slices:
                 shape = self.job.grids[variable].shape(self.job.writes[variable].dims)
                 if variable in found and np.shape(found[variable]) == shape[len(self.sizes) :]:
                     found[variable] = np.broadcast_to(found[variable], shape).copy()
-        return check(replace(self.job, mapped=()), found)
+        return check(replace(self.job, mapped=None), found)
 
     def words(self, at: tuple[int, ...]) -> bytes:
         return "".join(f"|{dim}={own[i]}" for dim, own, i in zip(self.dims, self.labels, at, strict=True)).encode()

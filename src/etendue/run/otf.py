@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.tables import TABLES, prepared_for
 from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Bands, Grid
@@ -26,13 +26,15 @@ BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square th
 
 def transfers_of(job: Job) -> list[tuple[str, Otf]]:
     """For every transfer stage in front of a stage: its name, and the transfer function up to and including it."""
-    port, pairs = next((port, pairs) for port, what, pairs in job.looks_at if what == "transfer")
-    every = tuple((name, stage) for (name, _), stage in zip(pairs, job.transfers, strict=True))
-    chains = job.chains or [tuple(range(i + 1)) for i in range(len(every))]
-    grids = job.looked_grids.get(port) or [None] * len(every)
-    whole = job.whole or [True] * len(every)
+    look = job.looking
+    assert look is not None
+    port, pairs = next((port, pairs) for port, what, pairs in look.ports if what == "transfer")
+    every = tuple((name, stage) for (name, _), stage in zip(pairs, look.transfers, strict=True))
+    chains = look.chains or [tuple(range(i + 1)) for i in range(len(every))]
+    grids = look.grids.get(port) or [None] * len(every)
+    whole = look.whole or [True] * len(every)
     return [
-        (name, Otf(tuple(every[i] for i in chain), job.bands, job.rendered, grid, unbroken))
+        (name, Otf(tuple(every[i] for i in chain), look.bands, look.rendered, grid, unbroken))
         for (name, _), chain, grid, unbroken in zip(pairs, chains, grids, whole, strict=True)
     ]
 

@@ -17,7 +17,7 @@ import numpy as np
 from etendue.physics.light import expansion, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Grid
@@ -120,15 +120,16 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
-    assert job.joined is not None
+    assert job.segment is not None and job.segment.joined is not None
+    before = job.segment.joined
     stage = job.stage
     assert isinstance(stage, Transfer)
     if not isinstance(stage, Summed):
-        stages = (*job.joined, *(() if job.left_out else (stage,)))
+        stages = (*before, *(() if job.left_out else (stage,)))
         return {name: FilteredBands(light, GridTransfer(stages, grid, job.precision)) if stages else light}
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
     weights = weights_of(stage, prepared).astype(float)
-    joined = GridTransfer(job.joined, grid, job.precision)
+    joined = GridTransfer(before, grid, job.precision)
     terms = stage.terms()
     channels = _expanded(stage, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)
     y, x = grid.line("y"), grid.line("x")

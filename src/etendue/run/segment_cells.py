@@ -19,7 +19,7 @@ import numpy as np
 from etendue.physics.light import cell_pixels, cells, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Grid
@@ -107,7 +107,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     port, ref, variable = job.inputs[0]
     light, grid = results[ref].arrays[variable], job.input_grids[port]
     (name,) = job.writes
-    before, stage = job.joined or (), job.stage
+    before, stage = (job.segment.joined or () if job.segment else ()), job.stage
     assert isinstance(stage, Transfer)
     if isinstance(stage, Summed):
         return {name: _pixels(job, stage, light, grid, before)}

@@ -15,7 +15,7 @@ import numpy as np
 from etendue.physics.light import sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.ownership import frozen
 from etendue.run.segment_bands import from_bands
 from etendue.run.segment_cells import from_cells
@@ -68,12 +68,12 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
         return Result(), {}
     if job.input_grids[job.inputs[0][0]].line("y").cells:
         return Result(), from_cells(job, results)
-    if job.joined is not None:
+    if job.segment is not None and job.segment.joined is not None:
         return Result(), from_bands(job, results)
     port, ref, variable = job.inputs[0]
     grid = job.input_grids[port]
     y, x = grid.line("y"), grid.line("x")
-    if job.previous is not None:
+    if job.segment is not None and job.segment.previous is not None:
         spectrum, untouched = results[ref].spectrum, results[ref].untouched
     else:
         untouched = results[ref].arrays[variable]

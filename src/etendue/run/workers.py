@@ -29,7 +29,7 @@ from etendue.errors import EtendueError, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.run.batches import BatchResult, run_batch
-from etendue.run.jobs import Job
+from etendue.run.job import Job
 from etendue.run.memory import keep_freed_memory
 from etendue.run.watch import GRACE, Stop, Stopped
 from etendue.streams import show_warning
@@ -262,7 +262,7 @@ def unfit(jobs: tuple[Job, ...]) -> Mapping[CellRef, str]:
     found = {}
     for job in jobs:
         try:
-            cloudpickle.dumps((job.stage, job.transfers, job.joined, job.channel_weights))
+            cloudpickle.dumps((job.stage, job.segment, job.looking))
         except BaseException as error:
             if is_ours(error):
                 raise

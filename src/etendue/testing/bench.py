@@ -19,7 +19,7 @@ from threadpoolctl import ThreadpoolController
 from etendue.plan.cells import output_grid
 from etendue.plan.model import CellRef
 from etendue.run.cell import compute, smallest
-from etendue.run.jobs import Job
+from etendue.run.job import Job, Looking
 from etendue.run.segments import Result
 from etendue.spec import camera
 from etendue.spec.capabilities import Summed, Transfer, is_random, is_source
@@ -185,13 +185,15 @@ class Bench:
             declared = self.stage.grid(inputs)
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
+        looking = Looking(
+            ports=looks_at, transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=EDGES,
+            channel_weights=_Sum() if summed and transfers else None,
+            grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if what != "transfer"},
+        )  # fmt: skip
         return Job(
             ref=("stage", ()), task="compute", stage=self.stage, writes=self.writes, grids=grids, input_grids=inputs,
-            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), looks_at=looks_at,
-            transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=EDGES if self.looks else (),
-            channel_weights=_Sum() if summed and transfers else None, previous=None, left_out=False, seed=seed, sensor_seed=seed,
-            precision=precision, store=(), deliver=tuple(self.writes), spectrum=False, target=None, seconds=0.0,
-            looked_grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if what != "transfer"},
+            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, sensor_seed=seed,
+            precision=precision, store=(), deliver=tuple(self.writes), target=None, seconds=0.0, looking=looking if self.looks else None,
         )  # fmt: skip
 
     def scale(self, port: str) -> float:
