@@ -168,11 +168,15 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
         tree, files = keeper.close(tabled(), sheet, any(r.status == "failed" for r in reports.values()))
     reports.update({ref: replace(r, status="reused") for ref, r in earlier.items()})
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
-        plan, {ref: replace(reports[own], index=ref[1]) for ref, own in work.cells.items() if own in reports},
+        plan, {ref: _as_asked(reports[own], ref) for ref, own in work.cells.items() if own in reports},
         {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
         files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
         work.mended,
     )  # fmt: skip
+
+
+def _as_asked(report: CellReport, ref: CellRef) -> CellReport:
+    return report if report.index == ref[1] else replace(report, index=ref[1])
 
 
 def _keeper(archive: str | Path | None, options: Options) -> Keeper:

@@ -6,6 +6,7 @@ Out: its ``Result`` and a ``CellReport``; a failure is a report, not an exceptio
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -50,8 +51,7 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
         if wanted.kind == "f":
             if array.dtype.kind not in "fiub":
                 raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
-            with np.errstate(over="ignore"):  # infinite values are looked for, and named, below
-                array = array.astype(wanted, copy=False)
+            array = array if array.dtype == wanted else array.astype(wanted)  # infinite values are looked for, and named, below
         elif array.dtype != wanted:
             raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
         if is_transfer(type(job.stage)):  # made by the engine, or what it read where nothing is to be done
@@ -72,8 +72,7 @@ def smallest(array: Any) -> float:
 def finite(array: Any) -> bool:
     """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that overflows."""
     flat = array.reshape(-1)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(np.dot(flat, flat)) or np.isfinite(flat).all())
+    return math.isfinite(np.dot(flat, flat)) or bool(np.isfinite(flat).all())
 
 
 def _undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
@@ -105,8 +104,9 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     elsewhere.seconds = 0.0
     try:
         if job.task == "load":
-            result, arrays = _load(job, results)
-            result.arrays, result.lowest = arrays, _undefined(job, arrays)
+            with as_it_was():
+                result, arrays = _load(job, results)
+                result.arrays, result.lowest = arrays, _undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
         with as_it_was():
             result, arrays = _made(job, results, clipped)
@@ -161,9 +161,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
     else:
-        given = arguments(job, results, clipped)
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found below, and said once
-            result, arrays = Result(), job.stage.run(**given)
+        result, arrays = Result(), job.stage.run(**arguments(job, results, clipped))
     if not is_transfer(type(job.stage)) or arrays:
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied

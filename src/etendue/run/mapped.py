@@ -37,19 +37,18 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
         return slices.at_once(names, check)
     arrays: dict[str, Any] = {}
     constant: dict[str, Any] = {}
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # what is not finite is found in the whole, and said once
-        for number, at in enumerate(np.ndindex(*slices.sizes)):
-            stage = slices.stage_at(at)
-            if not number or slices.prepares_anew:
-                constant = beside(replace(slices.core, stage=stage, seed=b""), results)
-            given = slices.arrays_at(at) | constant
-            if "rng" in constant:
-                given["rng"] = philox(seed_found(job, results, at) + slices.words(at))
-            found = stage.run(**{name: given[name] for name in names if name in given})
-            if number:
-                _put(arrays, found, slices, at)
-            else:
-                arrays = {name: slices.whole(name, array) for name, array in check(slices.core, found).items()}
+    for number, at in enumerate(np.ndindex(*slices.sizes)):
+        stage = slices.stage_at(at)
+        if not number or slices.prepares_anew:
+            constant = beside(replace(slices.core, stage=stage, seed=b""), results)
+        given = slices.arrays_at(at) | constant
+        if "rng" in constant:
+            given["rng"] = philox(seed_found(job, results, at) + slices.words(at))
+        found = stage.run(**{name: given[name] for name in names if name in given})
+        if number:
+            _put(arrays, found, slices, at)
+        else:
+            arrays = {name: slices.whole(name, array) for name, array in check(slices.core, found).items()}
     return arrays
 
 
@@ -118,8 +117,7 @@ class _Slices:
         given = {port: for_reading(array) for port, array, _ in self.given} | beside(self.core, self.results)
         for port in self.negative:
             given[port] = not_negative(self.job, self.results, port, given[port], self.clipped)
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            found = self.core.stage.run(**{name: given[name] for name in names if name in given})
+        found = self.core.stage.run(**{name: given[name] for name in names if name in given})
         if isinstance(found, dict):
             for variable in self.led:
                 shape = self.job.grids[variable].shape(self.job.writes[variable].dims)

@@ -101,10 +101,13 @@ def in_its_place() -> Iterator[None]:
 
 @contextmanager
 def as_it_was() -> Iterator[None]:
-    """Whatever a stage changes about how its process warns and handles errors of numpy is put back behind it."""
+    """Whatever a stage changes about how its process warns and handles errors of numpy is put back behind it.
+
+    What is not finite is looked for in what it gives, and said once: numpy says nothing.
+    """
     filters, shown = warnings.filters, warnings.showwarning
     kept = list(filters)
-    with np.errstate():
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         try:
             yield
         finally:

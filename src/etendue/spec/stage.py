@@ -15,7 +15,7 @@ import os
 import stat
 import typing
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, ClassVar, TypeVar
 
 from etendue.discovery import spectrum
@@ -209,4 +209,9 @@ def file_state(path: str) -> tuple[int, int]:
 
 def state_of(stage: Stage) -> tuple[Stage, tuple[tuple[int, int], ...]]:
     """A stage together with the state of its files: what a cache of a process may be keyed by."""
-    return stage, tuple(file_state(path) for path in files_of(stage).values())
+    return stage, tuple(map(file_state, _paths(stage)))
+
+
+@lru_cache(4096)
+def _paths(stage: Stage) -> tuple[str, ...]:
+    return tuple(files_of(stage).values())
