@@ -10,26 +10,16 @@ place of ``falloff`` and ``diffraction``, not beside them: diffraction at the st
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, param, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, file_state, param, quantity
 from etendue.physics.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
-
-
-def _state(path: str) -> Any:
-    """What tells two contents of a file apart within a process."""
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +46,7 @@ class RealLens(Stage):
     def opened(self) -> Lens:
         return open_lens(
             self.lens, self.prescription, self.focal_length, self.f_number, self.reference_wavelength * 1e-3, self.focus, self.aiming,
-            _state(self.prescription),
+            file_state(self.prescription),
         )  # fmt: skip
 
     def traced_wavelengths(self, wavelengths: tuple[float, ...]) -> tuple[float, ...]:
