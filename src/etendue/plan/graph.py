@@ -182,6 +182,9 @@ def _find_variable(request: Request, text: str, nodes: list[Node], place: str) -
             return tuple((text, variable) for variable in node.writes)
     if not request.whole:
         return ()
+    if any(text in node.optional for node in nodes):
+        request.fault(place, f"{text} is optional: ask for it under 'wanted'")
+        return ()
     known = sorted({v for n in nodes for v in n.writes} | {n.name for n in nodes})
     request.fault(place, f"no stage of this pipeline writes {text!r}{nearest(text, known)}")
     return ()

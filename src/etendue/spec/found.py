@@ -22,14 +22,14 @@ class Found:
     low: float
     high: float
 
-    __array_ufunc__ = None  # numpy hands arithmetic over
-
-    def _unknown(self, *others: Any) -> NoReturn:
+    def _unknown(self, *others: Any, **more: Any) -> NoReturn:
         raise NotKnown(self.name)
 
     __float__ = __int__ = __index__ = __bool__ = __round__ = __neg__ = __abs__ = _unknown
     __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __pow__ = __rpow__ = _unknown
-    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __lt__ = __le__ = __gt__ = __ge__ = __array__ = __format__ = _unknown
+    __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __lt__ = __le__ = __gt__ = __ge__ = __array__ = __format__ = __array_ufunc__ = (
+        __array_function__
+    ) = _unknown
 
 
 def ends(value: Any) -> tuple[float, float]:
