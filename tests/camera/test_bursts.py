@@ -154,3 +154,27 @@ def test_figures_behind_a_bracket_are_those_of_each_frame():
     assert tree["exposure_report"].clipped_fraction.dims == ("frame",)
     assert tree["exposure_report"].clipped_fraction.values[1] > tree["exposure_report"].clipped_fraction.values[0]
     assert_allclose(tree["dynamic_range"].dark_charge.values[1], 8 * tree["dynamic_range"].dark_charge.values[0], rtol=1e-6)
+
+
+def test_schedulers_resuming_and_sweeping_change_no_bit_of_a_metered_bracket(tmp_path):
+    document = burst(*CHAIN, sweep={"meter.ev_bias": [0, 1]}, side=32)
+    serial = every_array(etendue.simulate(document, scheduler="serial"))
+    for scheduler in ("threads", "processes"):
+        assert every_array(etendue.simulate(document, scheduler=scheduler, workers=2)) == serial
+    folder = tmp_path / "archive"
+    etendue.simulate({**document, "keep": ["adc.raw", "meter.integration_time"]}, archive=folder)
+    resumed = every_array(etendue.simulate(document, archive=folder))
+    assert {path: resumed[path] for path in serial} == serial
+    alone = etendue.simulate({**document, "sweep": {"meter.ev_bias": [1]}})
+    whole = etendue.simulate(document)
+    for stage, variable in (("adc", "raw"), ("encode", "rgb_display")):
+        assert_array_equal(alone[stage][variable].values[0], whole[stage][variable].values[1])
+
+
+def every_array(tree):
+    """The bytes of every variable of every stage."""
+    found = {}
+    for node in tree.subtree:
+        if node.path.strip("/").split("/")[0] not in ("", "ledger", "summary", "frames"):
+            found |= {f"{node.path}/{name}": array.values.tobytes() for name, array in node.to_dataset(inherit=False).data_vars.items()}
+    return found
