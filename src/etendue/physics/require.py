@@ -41,19 +41,19 @@ def equal_shapes(name: str, array: NDArray, other: str, reference: NDArray) -> N
 def floating(values: ArrayLike) -> NDArray:
     """An array in its own precision; of whole numbers, in double."""
     array = np.asarray(values)
-    return array if np.issubdtype(array.dtype, np.floating) else array.astype(np.float64)
+    return array if array.dtype.kind == "f" else array.astype(np.float64)
 
 
 def at_least_zero(name: str, values: ArrayLike, unit: str = "") -> NDArray:
     array = floating(values)
-    if not np.all(array >= 0):
+    if not (array >= 0).all():
         raise ValueError(f"{name} is {_worst(array)!r}{unit}; allowed are numbers at or above 0")
     return array
 
 
 def above_zero(name: str, values: ArrayLike) -> NDArray:
     array = floating(values)
-    if not np.all(array > 0):
+    if not (array > 0).all():
         raise ValueError(f"{name} is {_worst(array)!r}; allowed are numbers above 0")
     return array
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import lru_cache
 from typing import Any
 
 from etendue.plan.asking import made
@@ -43,12 +44,18 @@ def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) ->
     """The words of a job's random numbers, complete."""
     if not (job.waiting and job.waiting.words):
         return job.seed
-    lines = set(job.seed.decode().split("\n")) - {""}
+    lines = set(_closed(job.seed))
     for word in job.waiting.words:
         value = _value(results, word.ref, word.variable, job, at)
         if value != word.default:
             lines.add(line(word.stage, word.name, value))
     return seed_of(job.waiting.seed, job.ref[0], lines)
+
+
+@lru_cache(256)
+def _closed(seed: bytes) -> frozenset[str]:
+    """The lines of a seed whose values were known before the run."""
+    return frozenset(seed.decode().split("\n")) - {""}
 
 
 def _made_again(stage: Stage, found: Found, results: Mapping[CellRef, Any], job: Job, at: tuple[int, ...]) -> Stage:

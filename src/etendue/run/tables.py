@@ -105,6 +105,20 @@ class SensorRandom:
         """(y, x) standard normals for a named stream such as ``"prnu"``."""
         return self._pattern(stream, sensor_normal, (*self._span(self.rows), *self._span(self.columns)))
 
+    def spread(self, stream: str, rms: float) -> Any:
+        """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of a stream. Made once."""
+
+        def make() -> Any:
+            pattern = self.normal(stream)
+            factor = pattern * pattern.dtype.type(rms)
+            factor += 1
+            np.maximum(factor, 0, out=factor)
+            factor.flags.writeable = False
+            return factor
+
+        spans = (*self._span(self.rows), *self._span(self.columns))
+        return TABLES.get(("sensor spread", self.words, stream, rms, spans, self.precision), make).view()
+
     def uniform(self, stream: str) -> Any:
         """(y, x) uniforms, 0 <= u < 1."""
         return self._pattern(stream, sensor_uniform, (*self._span(self.rows), *self._span(self.columns)))

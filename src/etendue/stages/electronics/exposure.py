@@ -53,19 +53,12 @@ class Exposure(Noisy):
         kind = photocurrent.dtype.type
         signal = photocurrent * kind(self.integration_time)
         if self.prnu > 0:
-            signal *= self._spread(self.prnu, rng_sensor.normal("prnu"), kind)
+            signal *= rng_sensor.spread("prnu", self.prnu)
         dark = np.asarray(self.dark_charge(self.integration_time), dtype=kind)
         if self.dark_nonuniformity > 0 and dark > 0:
-            dark = dark * self._spread(self.dark_nonuniformity, rng_sensor.normal("dark current"), kind)
+            dark = dark * rng_sensor.spread("dark current", self.dark_nonuniformity)
         signal += dark
         return {"expected_charge": signal}
-
-    @staticmethod
-    def _spread(rms: float, pattern: Any, kind: Any) -> Any:
-        """A factor about 1 for each pixel, never negative."""
-        factor = pattern * kind(rms)
-        factor += 1
-        return np.maximum(factor, 0, out=factor)
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         high = facts["photocurrent"].high
