@@ -9,6 +9,7 @@ import pytest
 import etendue
 from etendue.api import Stage, param
 from etendue.spec.capabilities import CAPABILITIES, check_class, ends_in_sum, is_source, is_transfer
+from etendue.spec.roles import Displaying, Noisy, Scaled
 from etendue.spec.stage import WORDS, parameters_of
 
 METHODS = sorted(CAPABILITIES)
@@ -56,3 +57,10 @@ def test_no_room_asks_for_a_method_of_a_stage_by_its_bare_name():
                 if isinstance(name, ast.Constant) and name.value in {*METHODS, *WORDS}:
                     asked.append(f"{path.name}:{node.lineno} {name.value}")
     assert not asked
+
+
+@pytest.mark.parametrize(("base", "method"), [(Noisy, "variance"), (Scaled, "electrons"), (Displaying, "to_xyz")])
+def test_what_a_study_asks_of_a_stage_is_asked_for_when_it_is_loaded(base, method):
+    with pytest.raises(TypeError, match=f"Mute has no {method}, which its bases ask for"):
+        check_class(type("Mute", (base,), {"run": lambda self: {}}))
+    check_class(type("Able", (base,), {"run": lambda self: {}, method: lambda self, *given: 1.0}))

@@ -6,6 +6,7 @@ Out: bases to derive a stage from; names of roles. Whether a stage is one of the
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Any, ClassVar
 
 from etendue.spec.stage import Stage
@@ -28,17 +29,17 @@ class Noisy(Stage):
 
     by_line: ClassVar[bool] = False
 
+    @abstractmethod
     def variance(self, charge: float) -> float:
         """What is added to the variance of a pixel with a mean charge (electron), referred to the pixel: electron^2."""
-        raise NotImplementedError
 
 
 class Scaled(Stage):
     """A stage that makes the linear mosaic, and knows its scale."""
 
+    @abstractmethod
     def electrons(self) -> float:
         """Charge of a pixel that reads 1."""
-        raise NotImplementedError
 
 
 class InSilicon(Stage):
@@ -56,6 +57,6 @@ class EdgeScene(Stage):
 class Displaying(Stage):
     """A stage that writes linear values for a display, and knows its primaries."""
 
+    @abstractmethod
     def to_xyz(self) -> Any:
         """(3, 3): linear RGB to XYZ, Y = 1 for the display's white."""
-        raise NotImplementedError
