@@ -1,86 +1,98 @@
-"""Leaving out: what a scene does not need, decided per cell, with bounds that add up to the tolerance.
+"""Leaving out: what a scene does not need, decided per cell, within a local tolerance.
 
-A stage may be left out where it reads and writes the same variable on the same grid and says how wrong that would
-be (``negligible``). An exact zero is always taken. A bound above zero is taken when it fits the stage's share of the
-tolerance: the tolerance is split evenly over the stages of the pipeline that can be left out, and divided by the
-largest gain between the stage and the end of the claim. Nothing here depends on what else is swept.
+A stage may be left out where it reads and writes the same variable on the same grid, and what that changes in its own output is
+known: an exact zero is always taken, a bound above zero where it is within the tolerance. Of a transfer function the change is the
+sum over what the scene's light holds at every frequency; of any other stage it is what the stage says (``negligible``); of one that
+adds noise, the share of the variance behind the converter that it brings, at the level where that is most. Nothing here depends on
+what else is swept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from etendue import effects
 from etendue.plan.asking import negligible
-from etendue.plan.model import LeftOut, Node
-from etendue.spec.capabilities import Bounded
+from etendue.plan.model import LeftOut
+from etendue.spec.capabilities import Bounded, Summed, Transfer
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Grid
+from etendue.spec.roles import Noisy
 from etendue.spec.stage import Stage, reads_of, writes_of
 
-
-def downstream_gain(nodes: Sequence[Node]) -> dict[str, float]:
-    """Largest factor by which an error behind each node can grow until the claim ends."""
-    worst = {node.name: 1.0 for node in nodes}
-    for node in reversed(nodes):
-        for one, bound in zip(node.alternatives, node.inputs, strict=True):
-            gain = one.kind.gain
-            grown = 1.0 if gain is None else max(1.0, gain) * worst[node.name]
-            for _, source, _ in bound:
-                worst[source] = max(worst[source], grown)
-    return worst
+LEVELS = 5  # between the darkest and the brightest pixel, at which the share of a noise is looked at
 
 
-def claim_ends(nodes: Sequence[Node]) -> dict[str, str]:
-    """For each node whose stages can be left out: the first stage downstream without a declared gain, or ''."""
-    ends = {}
-    for node in nodes:
-        open_, seen, end = [node.name], {node.name}, ""
-        while open_ and not end:
-            name = open_.pop(0)
-            for other in nodes:
-                if other.name in seen or not any(s == name for bound in other.inputs for _, s, _ in bound):
-                    continue
-                if any(one.kind.gain is None for one in other.alternatives):
-                    end = other.name
-                    break
-                seen.add(other.name)
-                open_.append(other.name)
-        ends[node.name] = end
-    return ends
+@dataclass(frozen=True)
+class Rule:
+    """What may be left out: nothing (None), or changes within a tolerance, rms over the frame or of the largest pixel."""
 
-
-def shares(nodes: Sequence[Node], tolerance: float) -> dict[str, float]:
-    """How large a bound each node may spend, in units of its own variable's full scale."""
-    able = [n.name for n in nodes if any(issubclass(a.kind, Bounded) for a in n.alternatives)]
-    gains = downstream_gain(nodes)
-    return {node.name: tolerance / max(len(able), 1) / gains[node.name] for node in nodes}
+    tolerance: float | None
+    norm: str = "rms"
 
 
 def decide(
-    stage: Stage, inputs: Any, facts: Mapping[str, Facts], grids_in: Mapping[str, Grid], grids: Mapping[str, Grid], share: float
-) -> LeftOut | None:
-    """Whether one cell is left out, and with which bound."""
+    rule: Rule, stage: Stage, facts: Mapping[str, Facts], grids_in: Mapping[str, Grid], grids: Mapping[str, Grid],
+    noises: Callable[[], list[Noisy] | None],
+) -> LeftOut | None:  # fmt: skip
+    """Whether one cell is left out, and with which bound. ``noises``: every source of noise of the camera, or None: not known."""
+    if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
+        return None
     writes = [declaration for declaration in writes_of(type(stage)).values() if not declaration.optional]
     for declaration in writes:
         port = next((p for p, d in reads_of(type(stage)).items() if d.variable == declaration.variable), None)
         if port is None or port not in grids_in or grids_in[port] != grids[declaration.variable]:
             return None
     main = next(p for p, d in reads_of(type(stage)).items() if d.variable == writes[0].variable)
-    answer = negligible(stage, facts[main], grids_in[main])
+    own, grid = facts[main], grids_in[main]
+    found = _of_the_stage(rule, stage, own, grid)
+    if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.spectrum is not None and "wavelength" in grid:
+        found = _less(found, _of_the_spectrum(rule, stage, own, grid))
+    if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
+        found = _of_the_noise(stage, own, noises)
+    return found if found is not None and (found.bound == 0 or found.bound <= rule.tolerance) else None
+
+
+def _less(one: LeftOut | None, other: LeftOut) -> LeftOut:
+    return other if one is None or other.bound < one.bound else one
+
+
+def _of_the_stage(rule: Rule, stage: Stage, facts: Facts, grid: Grid) -> LeftOut | None:
+    """What the stage itself says; of a factor, times the light that it acts on."""
+    if not isinstance(stage, Bounded):
+        return None
+    answer = negligible(stage, facts, grid)
     if answer is None:
         return None
     bound, why = answer
-    return LeftOut(bound, why) if bound == 0 or bound <= share else None
+    if stage.pointwise and facts.spectrum is not None and rule.norm == "rms":
+        bound *= min(1.0, facts.spectrum.rms)
+    return LeftOut(bound, why)
 
 
-def accumulated(stage: Stage, before: Sequence[float | None], decided: LeftOut | None) -> float | None:
-    """Error carried by a cell from everything left out up to it; ``None`` where the claim has ended."""
-    if any(bound is None for bound in before):
+def _of_the_spectrum(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut:
+    assert facts.spectrum is not None
+    if facts.spectrum.detail == 0:
+        dark = facts.spectrum.full == 0
+        return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
+    bound = effects.change(stage, grid.bands().edges, facts.spectrum, rule.norm)
+    return LeftOut(bound, "the scene holds so little detail that is fine enough for it")
+
+
+def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None]) -> LeftOut | None:
+    """The largest share of all variance that one source brings, between the darkest and the brightest pixel."""
+    if facts.low is None or facts.high is None:
         return None
-    total = sum(bound for bound in before if bound)
-    if decided:
-        return total + decided.bound
-    if total == 0:
-        return 0.0
-    return None if stage.gain is None else total * max(1.0, stage.gain)
+    every = noises()
+    if every is None:
+        return None
+    low, high = max(facts.low, 0.0), max(facts.high, 0.0)
+    share = 0.0
+    for step in range(LEVELS):
+        level = low + (high - low) * (step / (LEVELS - 1)) ** 2
+        total = math.fsum(max(one.variance(level), 0.0) for one in every)
+        share = max(share, stage.variance(level) / total if total > 0 else 1.0)
+    return LeftOut(share, "of the variance of any pixel it brings no more than this")

@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from etendue.coordinates import coordinates_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.run.job import Job
 from etendue.run.ownership import for_reading, frozen
-from etendue.run.tables import coordinates_of, prepared_of
+from etendue.run.tables import prepared_of
 from etendue.spec.capabilities import is_source
 from etendue.spec.grid import Bands, Grid
 from etendue.spec.stage import arguments_of, reads_of

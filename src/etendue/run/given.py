@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.coordinates import coordinates_of
 from etendue.errors import PluginError
 from etendue.physics.electronics.noise import philox
 from etendue.plan.model import CellRef
@@ -19,7 +20,7 @@ from etendue.run.job import Job, Looking
 from etendue.run.otf import transfers_of, weights_of
 from etendue.run.ownership import for_reading, frozen
 from etendue.run.segments import Result
-from etendue.run.tables import TABLES, SensorRandom, coordinates_of, prepared_of
+from etendue.run.tables import TABLES, SensorRandom, prepared_of
 from etendue.spec.capabilities import Probe
 from etendue.spec.stage import Stage, arguments_of, optional_ports
 

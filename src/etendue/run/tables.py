@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.coordinates import coordinates_of
 from etendue.physics.electronics.noise import sensor_normal, sensor_uniform
 from etendue.spec.grid import Bands, Grid, Line
 from etendue.spec.stage import Stage, state_of
@@ -72,27 +73,6 @@ def _size(value: Any, depth: int = 6) -> int:
 
 
 TABLES = Cache(LARGEST_CACHE)
-
-
-def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any]:
-    """Coordinates as arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane."""
-    found: dict[str, Any] = {}
-    for grid in grids.values():
-        for dim, coordinate in grid.entries:
-            if f"{prefix}{dim}" in found:
-                continue
-            if isinstance(coordinate, Bands):
-                found[f"{prefix}wavelength_edges"] = np.array(coordinate.edges)
-                found[f"{prefix}{dim}"] = np.array(coordinate.values())
-            elif isinstance(coordinate, Line):
-                start, step = coordinate.um()
-                found[f"{prefix}{dim}"] = coordinate.start + coordinate.step * np.arange(coordinate.size)
-                found[f"{prefix}{dim}_um"] = start + step * np.arange(coordinate.size)
-            else:
-                found[f"{prefix}{dim}"] = np.array(coordinate.values())
-    for array in found.values():
-        array.flags.writeable = False
-    return found
 
 
 class SensorRandom:

@@ -6,7 +6,74 @@ Facts decide what may be left out and with which precision a scene must be carri
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+
+Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What light holds by wavelength band and by radial frequency, relative to ``full``, the largest value of any band.
+
+    Values are rounded up to three digits, so that no platform's last bits decide what is left out.
+
+    Attributes
+    ----------
+    full : largest value of any band, in the variable's unit
+    edges : ends of the rings, cycles/um, the first 0; the mean is in none of them
+    power : mean square over the frame of what a ring holds, by band
+    amplitude : sum of the amplitudes of what a ring holds, by band: no point has more of it
+    low, mean, high : smallest, mean and largest value of every band
+    """
+
+    full: float
+    edges: tuple[float, ...]
+    power: Rings
+    amplitude: Rings
+    low: tuple[float, ...]
+    mean: tuple[float, ...]
+    high: tuple[float, ...]
+
+    def __hash__(self) -> int:
+        return hash((self.full, self.edges[-1], self.mean, self.power[0]))
+
+    def scaled(self, factor: float) -> Spectrum:
+        """Light so many times as strong."""
+        return replace(self, full=self.full * factor)
+
+    def weighed(self, factors: tuple[float, ...]) -> Spectrum:
+        """Every band times its own factor (from 0)."""
+        largest = max(f * h for f, h in zip(factors, self.high, strict=True))
+        if largest <= 0:
+            return replace(self, full=0.0)
+        own = [f / largest for f in factors]
+        rings = [tuple(tuple(f**n * v for v in row) for f, row in zip(own, rows, strict=True)) for n, rows in self._rows()]
+        low, mean, high = (tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high))
+        return Spectrum(self.full * largest, self.edges, rings[0], rings[1], low, mean, high)
+
+    def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
+        return (2, self.power), (1, self.amplitude)
+
+    def filtered(self, passed: Rings) -> Spectrum:
+        """Behind a blur that leaves so much of every ring, by band or (one row) of all bands alike. The range stays as it was."""
+        rows = passed if len(passed) > 1 else passed * len(self.power)
+        power, amplitude = (
+            tuple(tuple(p**n * v for p, v in zip(own, row, strict=True)) for own, row in zip(rows, rings, strict=True))
+            for n, rings in self._rows()
+        )
+        return replace(self, power=power, amplitude=amplitude)
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square over frame and bands, relative to ``full``."""
+        square = sum(m * m + sum(row) for m, row in zip(self.mean, self.power, strict=True))
+        return math.sqrt(square / len(self.mean))
+
+    @property
+    def detail(self) -> float:
+        """The same without the means of the bands: 0 where the light is uniform."""
+        return math.sqrt(sum(map(sum, self.power)) / len(self.mean))
 
 
 @dataclass(frozen=True)
@@ -21,6 +88,7 @@ class Facts:
     band_limit : frequency above which the scene holds less than a hundredth of its contrast, cycles/um
     rendered : of a scene, with what its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
         are means), um, each 0 where it does not apply
+    spectrum : of light, what it holds by band and frequency; the planner finds it of a scene, and passes it on through transfer functions
     """
 
     uniform: bool | None = None
@@ -29,6 +97,7 @@ class Facts:
     contrast: float | None = None
     band_limit: float | None = None
     rendered: tuple[float, float] | None = None
+    spectrum: Spectrum | None = None
 
     def scaled(self, low: float, high: float | None = None) -> Facts:
         """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0)."""
@@ -39,6 +108,7 @@ class Facts:
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
+            spectrum=None if self.spectrum is None else self.spectrum.scaled(high),
         )
 
 

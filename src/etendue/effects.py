@@ -1,0 +1,67 @@
+"""What a blur does to light of which is known what it holds: sums over rings of radial frequency.
+
+In:  transfer stages, wavelength bins, the ``Spectrum`` of what they read.
+Out: how much leaving them out changes, rms over the frame and at the largest pixel, and what they leave for the next.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from etendue.physics.light import scene_spectrum
+from etendue.spec.capabilities import Transfer
+from etendue.spec.facts import Spectrum
+from etendue.spec.stage import state_of
+from etendue.transfers import Product, alone
+
+DIRECTIONS = 8  # over a half turn, in which a transfer function that is not radial is asked
+
+
+def change(stage: Transfer, edges: tuple[float, ...], spectrum: Spectrum, norm: str) -> float:
+    """How far light without this stage lies from light behind it, relative to its full scale.
+
+    Parameters
+    ----------
+    stage : Transfer
+    edges : wavelength bins, nm
+    spectrum : Spectrum
+        Of what it reads.
+    norm : 'rms' or 'max'
+        Over frame and bands, or of the largest value: sums of power (Parseval), or of amplitude.
+    """
+    factors = _rings(stage, edges, spectrum.edges)[0]
+    if norm == "max":
+        return scene_spectrum.largest_of(factors, np.array(spectrum.amplitude))
+    return scene_spectrum.rms_of(factors, np.array(spectrum.power))
+
+
+def behind(stage: Transfer, edges: tuple[float, ...], spectrum: Spectrum) -> Spectrum:
+    """What is left of the light behind a stage."""
+    passed = _rings(stage, edges, spectrum.edges)[1]
+    return spectrum.filtered(tuple(tuple(map(float, row)) for row in passed))
+
+
+def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
+    return _remembered(state_of(stage), edges, rings)
+
+
+@lru_cache(512)
+def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
+    """(wavelength or 1, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
+    stage: Transfer = state[0]
+    frequency = scene_spectrum.frequencies_in(np.array(rings))
+    product = Product((stage,), edges, alone)
+    if stage.radial:
+        found = product.at(np.zeros((1, 1)), frequency[None, :])
+        return scene_spectrum.largest_in_rings(np.abs(1 - found[:, 0])), scene_spectrum.largest_in_rings(np.abs(found[:, 0]))
+    changed: Any = 0.0
+    passed: Any = 0.0
+    for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+        grid = product.at(np.sin(angle) * frequency[:, None], np.cos(angle) * frequency[None, :])
+        found = np.diagonal(np.broadcast_to(grid, (grid.shape[0], frequency.size, frequency.size)), axis1=1, axis2=2)
+        changed = np.maximum(changed, scene_spectrum.largest_in_rings(np.abs(1 - found)))
+        passed = np.maximum(passed, scene_spectrum.largest_in_rings(np.abs(found)))
+    return changed, passed
