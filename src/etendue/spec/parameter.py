@@ -25,6 +25,8 @@ class Parameter:
     camera: bool = False
     fidelity: bool = False
     reference: str = ""
+    settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
+    studied: bool = False  # of a fidelity parameter: it changes a grid or what a scene shows, so that studies vary it and no plan does
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
@@ -64,8 +66,22 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     parameter = Parameter(**allowed)
     if parameter.fidelity and not parameter.reference:
         raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
+    if not parameter.fidelity and (parameter.settings or parameter.studied):
+        raise TypeError("only a fidelity parameter has settings or is studied: param(..., fidelity=True, reference='...', settings=(...))")
+    if parameter.settings and not _lies_within(default, parameter.settings):
+        raise TypeError(f"settings go from the cheapest to the reference, the default {default!r} among them; got {parameter.settings}")
     return (
         dataclasses.field(default=default, metadata={"parameter": parameter})
         if default is not MISSING
         else dataclasses.field(metadata={"parameter": parameter})
     )
+
+
+def _lies_within(default: Any, settings: tuple[Any, ...]) -> bool:
+    """Whether a default is one of the settings, or a number between the first and the last of settings that differ."""
+    if len(settings) < 2 or len(set(settings)) < len(settings):
+        return False
+    if default in settings:
+        return True
+    ends = (settings[0], settings[-1])
+    return all(isinstance(value, int | float) for value in (default, *ends)) and min(ends) < default < max(ends)
