@@ -94,7 +94,7 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         document["description"] = pipeline.description
     if pipeline.variant:
         document["variant"] = pipeline.variant
-    document |= {"seed": pipeline.seed, "tolerance": pipeline.tolerance, "precision": pipeline.precision}
+    document |= {"seed": pipeline.seed, "tolerance": pipeline.tolerance, "norm": pipeline.norm, "precision": pipeline.precision}
     if not plan.leaves_out:
         document["leave_out"] = False
     if pipeline.wanted is not None:

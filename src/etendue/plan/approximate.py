@@ -1,7 +1,7 @@
 """Approximating: of every knob of fidelity that the file leaves open, the cheapest setting within the local tolerance.
 
 A knob lists its settings from the cheapest to the reference (``Parameter.settings``); the stage says how wrong it is with each
-(``error``). What the file writes is the model and stays; a knob that changes the grid of what is written is nobody's to choose.
+(``error``). What the file writes is the model and stays; a knob that only studies vary is no plan's to choose.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
     return tuple(
         name
         for name, (parameter, _, _) in parameters_of(kind).items()
-        if parameter.fidelity and parameter.settings and not parameter.grid and name not in written
+        if parameter.fidelity and parameter.settings and not parameter.studied and name not in written
     )
 
 

@@ -10,21 +10,24 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.plan import asking, leave_out, words
+from etendue import effects
+from etendue.plan import asking, leave_out, scenes, words
+from etendue.plan.approximate import choose, open_knobs
 from etendue.plan.graph import Graph
 from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
-from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
+from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
 from etendue.plan.quantities import to_be_found
 from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
-from etendue.spec.capabilities import Bounded, Probe, Summed, is_random
+from etendue.spec.capabilities import Probe, Source, Summed, Transfer, is_random
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import Found
 from etendue.spec.grid import Grid, Labels
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.roles import Noisy
 from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of, writes_of
 from etendue.spec.variables import Declaration
 from etendue.telling import plain
@@ -35,16 +38,18 @@ class Choice:
     """How the planner was asked to decide."""
 
     tolerance: float
-    leave_out: bool
+    leave_out: bool  # whether anything may be left out or approximated
     precision: str  # auto, float32 or float64
+    norm: str = "rms"
 
 
 Told = Callable[[int, int], None]  # how many cells are planned, of how many
 
 
-def expand(graph: Graph, pipeline: Pipeline, choice: Choice, told: Told = lambda done, total: None) -> tuple[dict[CellRef, Cell], str]:
-    """All cells, and the precision they are computed in."""
-    return _Expansion(graph, pipeline, choice, told).expand()
+def expand(graph: Graph, pipeline: Pipeline, choice: Choice, told: Told = lambda done, total: None) -> tuple[dict[CellRef, Cell], str, float]:
+    """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
+    expansion = _Expansion(graph, pipeline, choice, told)
+    return expansion.expand(), expansion.precision, expansion.looked
 
 
 def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
@@ -85,8 +90,11 @@ class _Expansion:
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
         self.words: dict[tuple[str, int], tuple[str, ...]] = {}
         self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
+        self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what they were chosen from
         self.faults: dict[str, Fault] = {}
-        self.shares = leave_out.shares(graph.nodes, choice.tolerance)
+        self.rule = leave_out.Rule(choice.tolerance if choice.leave_out else None, choice.norm)
+        self.looked = 0.0  # seconds of looking at scenes that were never seen before
+        self.knobs = {(node.name, number): self.open_knobs(node, one) for node in graph.nodes for number, one in enumerate(node.alternatives)}
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
         """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
@@ -120,7 +128,7 @@ class _Expansion:
                 stand.append(to_be_found(name, quantities[name], (facts.low, facts.high)))
         return tuple(stand)
 
-    def expand(self) -> tuple[dict[CellRef, Cell], str]:
+    def expand(self) -> dict[CellRef, Cell]:
         total = self.count()
         self.precision = self.choose_precision()
         for node in self.graph.nodes:
@@ -131,7 +139,7 @@ class _Expansion:
                     self.told(len(self.cells), total)
             if self.faults:
                 raise RequestError(list(self.faults.values())[:12], self.pipeline.file)
-        return self.cells, self.precision
+        return self.cells
 
     def count(self) -> int:
         """The cells there will be, refused where they are too many: before the first of them is made."""
@@ -166,12 +174,27 @@ class _Expansion:
     def describe(self, node: Node, stage: Stage) -> tuple[Facts, Mapping[str, Grid]]:
         if stage not in self.described:
             try:
-                self.described[stage] = asking.described(stage)
+                self.described[stage] = self.seen_before(stage, *asking.described(stage))
             except PluginError as error:
                 raise RequestError([Fault(node.place, self.by_whom(node, stage, error))], self.pipeline.file) from None
             except (ValueError, OSError, RequestError) as error:
                 raise RequestError([Fault(node.place, plain(str(error)))], self.pipeline.file) from None
         return self.described[stage]
+
+    def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
+        """What a scene says of itself, and what its light holds, where anything may be left out for it."""
+        assert isinstance(stage, Source)
+        if not self.choice.leave_out or facts.spectrum is not None:
+            return facts, grids
+        light = {name: grid for name, grid in grids.items() if name == scenes.light_of(type(stage))}
+        if not light:
+            return facts, grids
+        found, seconds = scenes.spectrum_of(stage, grids)
+        self.looked += seconds
+        if found is None:
+            return facts, grids
+        low, high = found.range_of_light()
+        return replace(facts, spectrum=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
         by_dim = dict(zip(node.axes, index, strict=True))
@@ -199,8 +222,12 @@ class _Expansion:
                     declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(one.kind).values()}
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
-            decided = self.decide(node, stage, inputs, input_facts, whole_grids, grids)
+            decided = self.decide(stage, input_facts, whole_grids, grids, by_dim)
+            approximated: tuple[Approximated, ...] = ()
+            if not decided and self.knobs[node.name, number]:
+                stage, approximated = self.approximate(node, number, stage, inputs, input_facts, input_grids)
             error_bound = self.error(node, stage, inputs, input_facts, input_grids)
+            facts = self.behind(stage, input_facts, input_grids, facts)
             seed, open_words = self.seed(node, stage, inputs, looks_at)
         except PluginError as error:
             self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
@@ -210,7 +237,6 @@ class _Expansion:
             text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
             self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
             return
-        bound = leave_out.accumulated(stage, [self.cells[ref].bound for _, ref, _ in inputs], decided)
         if decided:
             main = next(iter(node.writes))
             facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
@@ -218,7 +244,7 @@ class _Expansion:
         cell = Cell(
             node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
             seed=seed, open_words=open_words, input_grids=input_grids, grids=grids, facts=facts,
-            left_out=decided, bound=bound, error=error_bound,
+            left_out=decided, approximated=approximated, error=error_bound,
             segment_input=self.segment_input(node, inputs), mapped=mapped,
         )  # fmt: skip
         self.cells[cell.ref] = cell
@@ -236,10 +262,52 @@ class _Expansion:
     def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
         return asking.carried(stage, facts, grids)
 
-    def decide(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids_in: Any, grids: Mapping[str, Grid]) -> LeftOut | None:
-        if not self.choice.leave_out or not isinstance(stage, Bounded):
-            return None
-        return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
+    def decide(self, stage: Stage, facts: Any, grids_in: Any, grids: Mapping[str, Grid], by_dim: Mapping[str, int]) -> LeftOut | None:
+        return leave_out.decide(self.rule, stage, facts, grids_in, grids, lambda: self.noises(by_dim))
+
+    def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
+        """Every stage that adds noise, as it is at a combination; None where one of them is not known before the run."""
+        found: list[Noisy] = []
+        for node in self.graph.nodes:
+            if not all(issubclass(one.kind, Noisy) for one in node.alternatives):
+                continue
+            if node.found or (node.use_axis and node.use_axis not in by_dim) or any(dim not in by_dim for dim, _ in node.direct):
+                return None
+            stage = self.stage_at(node, by_dim[node.use_axis] if node.use_axis else 0, by_dim)
+            assert isinstance(stage, Noisy)
+            found.append(stage)
+        return found
+
+    def open_knobs(self, node: Node, one: Alternative) -> tuple[str, ...]:
+        """The knobs of an alternative that the file leaves open: none where nothing may be approximated."""
+        if not self.choice.leave_out or node.is_source:
+            return ()
+        return open_knobs(one.kind, {*one.values, *(name for _, name in node.direct)})
+
+    def approximate(
+        self, node: Node, number: int, stage: Stage, inputs: Any, facts: Any, grids: Any
+    ) -> tuple[Stage, tuple[Approximated, ...]]:
+        """A stage with its open knobs set, found once for cells of equal stage and equal facts."""
+        before = self.before(node, inputs)
+        key = (stage, tuple(before), tuple(facts.items()), tuple(grids.items()))
+        known = self.chosen.get(key)
+        if known is None:
+            knobs = self.knobs[node.name, number]
+            known = choose(stage, knobs, self.choice.tolerance, lambda one: self.error(node, one, inputs, facts, grids))
+            self.chosen[key] = known = (self.chosen.setdefault(known[0], known[0]), known[1])
+        return known
+
+    def behind(self, stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:
+        """What is known behind a transfer function beside what the stage says: less detail, and nearly the range there was."""
+        if not isinstance(stage, Transfer) or isinstance(stage, Summed):
+            return own
+        (port,) = reads_of(type(stage))
+        spectrum = facts_in[port].spectrum
+        if spectrum is None:
+            return own
+        left = effects.behind(stage, grids_in[port].bands().edges, spectrum)
+        low, high = spectrum.range_of_light()
+        return replace(own, spectrum=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high)
 
     def parameters(self, stage: Stage) -> str:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
@@ -250,8 +318,6 @@ class _Expansion:
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
-        beside = node.kind.beside if issubclass(node.kind, Probe) else ()
-        beside = node.kind.beside if issubclass(node.kind, Probe) else ()
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
         names = {name for port, _, own in node.looks_at for name in own if port not in beside}
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
@@ -325,11 +391,18 @@ class _Expansion:
 
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
         if node.segment and isinstance(stage, Summed):
-            before: list[Stage] = []
-            ref = inputs[0][1]
-            for _ in range(len(node.segment) - 1):
-                if self.cells[ref].left_out is None:
-                    before.append(self.cells[ref].stage)
-                ref = self.cells[ref].inputs[0][1]
-            return asking.error_of(stage, "segment_error", tuple(reversed(before)), facts, grids, self.precision)
+            source, _ = self.segment_input(node, inputs) or (inputs[0][1], "")
+            facts = {**facts, inputs[0][0]: replace(facts[inputs[0][0]], spectrum=self.cells[source].facts.spectrum)}
+            return asking.error_of(stage, "segment_error", self.before(node, inputs), facts, grids, self.precision)
         return asking.error_of(stage, "error", facts, grids, self.precision)
+
+    def before(self, node: Node, inputs: Any) -> tuple[Stage, ...]:
+        """The stages in force between the input of a segment and one of its stages, in the order of the light."""
+        found: list[Stage] = []
+        cell = self.cells[inputs[0][1]] if node.segment else None
+        for _ in range(len(node.segment) - 1):
+            assert cell is not None
+            if cell.left_out is None:
+                found.append(cell.stage)
+            cell = self.cells[cell.inputs[0][1]]
+        return tuple(reversed(found))

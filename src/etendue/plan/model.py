@@ -100,6 +100,16 @@ class LeftOut:
     why: str
 
 
+@dataclass(frozen=True)
+class Approximated:
+    """A knob that the plan has set, what it would be in the reference, and what the difference may add to the cell's own output."""
+
+    knob: str
+    value: Any
+    reference: Any
+    bound: float
+
+
 @dataclass
 class Cell:
     """One stage at one combination of its axes. Written once by the planner, then only read."""
@@ -118,7 +128,7 @@ class Cell:
     grids: Mapping[str, Grid]
     facts: Facts
     left_out: LeftOut | None
-    bound: float | None  # accumulated error of what was left out upstream; None: the claim has ended
+    approximated: tuple[Approximated, ...]
     error: tuple[float | None, str]
     segment_input: tuple[CellRef, str] | None = None
     mapped: tuple[tuple[str, Coordinate], ...] = ()  # dims in front of what is written for which the stage is run one by one
@@ -132,6 +142,11 @@ class Cell:
     @property
     def ref(self) -> CellRef:
         return (self.node, self.index)
+
+    @property
+    def bound(self) -> float:
+        """What leaving out and approximating may add to its own output, relative to full scale."""
+        return self.left_out.bound if self.left_out else sum(one.bound for one in self.approximated)
 
 
 def scene_of(cells: Mapping[CellRef, Cell], cell: Cell) -> Cell:
@@ -176,7 +191,8 @@ class Plan:
     precision: str
     camera: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
-    leaves_out: bool = True  # whether anything may be left out
+    leaves_out: bool = True  # whether anything may be left out or approximated
+    looked: float = 0.0  # seconds of looking at scenes that were never planned before
 
     def node(self, name: str) -> Node:
         for node in self.nodes:

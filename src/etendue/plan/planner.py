@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.plan import asking, cost, leave_out
+from etendue.plan import asking, cost, omissions
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
 from etendue.plan.graph import build_graph, resolve_keep
@@ -32,8 +32,8 @@ def make_plan(
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     try:
         graph = build_graph(pipeline, registry)
-        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision)
-        cells, precision = expand(graph, pipeline, choice, told)
+        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm)
+        cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = resolve_keep(graph.nodes, graph.keep)
@@ -51,6 +51,7 @@ def make_plan(
         precision=precision,
         camera=graph.camera,
         leaves_out=leave_out_allowed,
+        looked=looked,
         warnings=(*graph.warnings, *warnings),
     )
     return plan
@@ -93,10 +94,8 @@ def _rewritten_in_vain(nodes: Any) -> list[str]:
 def summary(plan: Plan) -> dict[str, Any]:
     """The plan as JSON: ``etendue plan --json``."""
     stages = []
-    ends = leave_out.claim_ends(plan.nodes)
     for node in plan.nodes:
         cells = plan.of(node.name)
-        out = [c.left_out for c in cells if c.left_out]
         stored = [v for v in node.writes if (node.name, v) in plan.kept]
         stages.append(
             {
@@ -107,15 +106,8 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "cells": len(cells),
                 "found": node.found or None,
                 "one_by_one": list(node.mapped) or None,
-                "left_out": {
-                    "cells": len(out),
-                    "of": len(cells),
-                    "bound": max(o.bound for o in out),
-                    "why": "; ".join(dict.fromkeys(o.why for o in out)),
-                    "claim_ends_at": ends[node.name] or None,
-                }
-                if out
-                else None,
+                "left_out": omissions.left_out(node, cells, plan.precision),
+                "approximated": omissions.approximated(cells),
                 "bytes": sum(cost.cell_bytes(node, c, plan.precision, stored) for c in cells),
                 "seconds": sum(cost.cell_seconds(node, c, plan.precision) for c in cells),
             }
@@ -129,6 +121,9 @@ def summary(plan: Plan) -> dict[str, Any]:
         "seconds": sum(s["seconds"] for s in stages),
         "peak_memory": peak_memory(plan),
         "precision": plan.precision,
+        "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
+        "norm": plan.pipeline.norm,
+        "scene_seconds": plan.looked,
         "axes": [{"name": a.key, "values": list(a.values), "units": a.units or None} for a in plan.axes],
         "warnings": list(plan.warnings),
     }

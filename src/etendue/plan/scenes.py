@@ -15,12 +15,14 @@ from dataclasses import asdict
 from pathlib import Path
 
 from etendue import scenes
+from etendue.scenes import light_of
 from etendue.plan.keys import code_digest, key_of, parameters_for_key
 from etendue.spec.capabilities import Source
 from etendue.spec.facts import Spectrum
 from etendue.spec.grid import Grid
 
 FORM = 1  # of the file
+__all__ = ["light_of", "spectrum_of"]
 _KNOWN: dict[str, Spectrum | None] = {}
 
 

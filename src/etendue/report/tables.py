@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.plan import omissions
 from etendue.plan.model import CellRef, Plan
 from etendue.spec.ports import CellReport
 from etendue.spec.variables import variable
@@ -44,9 +45,11 @@ def ledger(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     )  # fmt: skip
     arrays["how"] = (("cell",), np.array([c.error[1] for c, _ in rows], dtype=object), {"long_name": "how the error is known"})
     arrays["bound"] = (
-        ("cell",), np.array([math.nan if c.bound is None else c.bound for c, _ in rows]),
-        {"units": "1", "long_name": "error from what was left out up to here; missing where the claim has ended"},
+        ("cell",), np.array([c.bound for c, _ in rows]),
+        {"units": "1", "long_name": "what leaving out and approximating may add to what the cell writes, relative to full scale"},
     )  # fmt: skip
+    coarser = [", ".join(f"{a.knob} = {a.value}" for a in c.approximated) for c, _ in rows]
+    arrays["approximated"] = (("cell",), np.array(coarser, dtype=object), {"long_name": "knobs that the plan has set"})
     arrays["why_left_out"] = (
         ("cell",),
         np.array([c.left_out.why if c.left_out else "" for c, _ in rows], dtype=object),
@@ -82,7 +85,6 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
         seconds = sum(r.seconds for r in own if r.status in ("done", "left_out"))
         errors = [c.error[0] for c in cells if c.error[0] is not None]
         how = next((c.error[1] for c in cells), "unknown")
-        out = [c.left_out for c in cells if c.left_out]
         rows.append(
             {
                 "name": node.name,
@@ -93,10 +95,8 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
                 "computed": sum(r.status in ("done", "left_out") for r in own),
                 "reused": sum(r.status == "reused" for r in own),
                 "failed": sum(r.status in ("failed", "skipped") for r in own),
-                "left_out": {
-                    "cells": len(out), "of": len(cells), "bound": max(o.bound for o in out),
-                    "why": "; ".join(dict.fromkeys(o.why for o in out)),
-                } if out else None,
+                "left_out": omissions.left_out(node, cells, plan.precision),
+                "approximated": omissions.approximated(cells),
                 "seconds": seconds,
                 "share": seconds / total,
                 "error": max(errors) if errors else None,

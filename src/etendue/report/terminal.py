@@ -21,6 +21,7 @@ from rich.table import Table
 
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan
+from etendue.plan.omissions import told
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
@@ -140,11 +141,8 @@ def print_plan(document: dict[str, Any]) -> None:
     for text in _bound(document["stages"]):
         console.print(escape(text))
     for stage in document["stages"]:
-        if stage["left_out"]:
-            out = stage["left_out"]
-            ends = f"; the claim ends at {out['claim_ends_at']}" if out["claim_ends_at"] else ""
-            wrong = "exactly" if out["bound"] == 0 else f"wrong by at most {out['bound']:.2g}"
-            console.print(f"left out  {stage['name']} in {out['cells']} of {out['of']} cells, {wrong}: {escape(out['why'])}{ends}")
+        for text in told(stage["name"], stage["left_out"], stage["approximated"]):
+            console.print(escape(text), soft_wrap=True)
     console.print(
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread time, "
@@ -284,8 +282,8 @@ def print_outcome(outcome: Any) -> None:
         )  # fmt: skip
     console.print(table)
     for row in rows:
-        if row["left_out"]:
-            console.print(f"left out: {row['name']}, wrong by at most {row['left_out']['bound']:.2g}: {escape(row['left_out']['why'])}")
+        for text in told(row["name"], row["left_out"], row["approximated"]):
+            console.print(escape(text), soft_wrap=True)
     for name, why in outcome.reasons.items():
         console.print(f"computed again: {name}, because {escape(why)}")
     if outcome.removed:

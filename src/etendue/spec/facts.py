@@ -64,6 +64,14 @@ class Spectrum:
         )
         return replace(self, power=power, amplitude=amplitude)
 
+    def range_of_light(self) -> tuple[float, float]:
+        """Smallest and largest value of any band, a little wider than the samples: light between them, and behind a transfer function
+        that the grid cuts off, swings as far beyond them as the finest detail there is."""
+        fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
+        swing = 6 * max(math.sqrt(sum(row[i] for i in fine)) for row in self.power)
+        low, high = min(self.low), max(self.high)
+        return self.full * (max(low - swing, 0.0) if low >= 0 else low - swing), self.full * (high + swing)
+
     @property
     def rms(self) -> float:
         """Root of the mean square over frame and bands, relative to ``full``."""

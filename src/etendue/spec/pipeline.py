@@ -22,7 +22,7 @@ from etendue.spec.presets import preset
 from etendue.spec.units import as_written
 
 TOP = (
-    "name", "seed", "tolerance", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
+    "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
     "requires", "most_cells",
 )  # fmt: skip
 
@@ -52,6 +52,7 @@ class Pipeline:
     keep: tuple[str, ...] | None = None  # None: all that is computed
     seed: int = 0
     tolerance: float = 1e-4
+    norm: str = "rms"
     leave_out: bool = True  # whether what a scene does not need may be left out
     precision: str = "auto"
     requires: tuple[str, ...] = ()  # distributions whose stages it uses
@@ -266,6 +267,9 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     precision = text_of("precision", "auto")
     if precision not in ("auto", "float32", "float64"):
         faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}"))
+    norm = text_of("norm", "rms")
+    if norm not in ("rms", "max"):
+        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, ('rms', 'max'))}; allowed are rms and max"))
     tables = {}
     for key in ("camera", "sweep"):
         table = document.get(key, {})
@@ -287,6 +291,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         keep=names_of("keep"),
         seed=seed,
         tolerance=float(tolerance),
+        norm=norm,
         leave_out=leave_out,
         precision=precision,
         requires=names_of("requires") or (),
