@@ -44,24 +44,25 @@ def behind(stage: Transfer, edges: tuple[float, ...], spectrum: Spectrum) -> Spe
     return spectrum.filtered(tuple(tuple(map(float, row)) for row in passed))
 
 
+def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
+    """(direction, wavelength, n): the product of transfer functions along rays; one direction where all of them are radial."""
+    product = Product(stages, edges, alone)
+    if product.radial:
+        return product.along(frequency)[None]
+    found = []
+    for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+        grid = product.at(np.sin(angle) * frequency[:, None], np.cos(angle) * frequency[None, :])
+        found.append(np.diagonal(np.broadcast_to(grid, (len(edges) - 1, frequency.size, frequency.size)), axis1=1, axis2=2))
+    return np.stack(found)
+
+
 def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
     return _remembered(state_of(stage), edges, rings)
 
 
 @lru_cache(512)
 def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
-    """(wavelength or 1, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
-    stage: Transfer = state[0]
-    frequency = scene_spectrum.frequencies_in(np.array(rings))
-    product = Product((stage,), edges, alone)
-    if stage.radial:
-        found = product.at(np.zeros((1, 1)), frequency[None, :])
-        return scene_spectrum.largest_in_rings(np.abs(1 - found[:, 0])), scene_spectrum.largest_in_rings(np.abs(found[:, 0]))
-    changed: Any = 0.0
-    passed: Any = 0.0
-    for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        grid = product.at(np.sin(angle) * frequency[:, None], np.cos(angle) * frequency[None, :])
-        found = np.diagonal(np.broadcast_to(grid, (grid.shape[0], frequency.size, frequency.size)), axis1=1, axis2=2)
-        changed = np.maximum(changed, scene_spectrum.largest_in_rings(np.abs(1 - found)))
-        passed = np.maximum(passed, scene_spectrum.largest_in_rings(np.abs(found)))
+    """(wavelength, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
+    found = in_directions((state[0],), edges, scene_spectrum.frequencies_in(np.array(rings)))
+    changed, passed = (scene_spectrum.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
     return changed, passed

@@ -103,7 +103,7 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     except OSError as error:
         request.fault(place, f"{use} of {installed.origin}: its code cannot be read: {error.strerror or type(error).__name__}")
         return None
-    return Alternative(use, label, kind, values, installed.distribution, installed.version, code)
+    return Alternative(use, label, kind, values, installed.distribution, installed.version, code, frozenset(written))
 
 
 def _load(request: Request, use: str, place: str) -> type[Stage] | None:

@@ -282,7 +282,7 @@ class _Expansion:
         """The knobs of an alternative that the file leaves open: none where nothing may be approximated."""
         if not self.choice.leave_out or node.is_source:
             return ()
-        return open_knobs(one.kind, {*one.values, *(name for _, name in node.direct)})
+        return open_knobs(one.kind, {*one.written, *(name for _, name in node.direct)})
 
     def approximate(
         self, node: Node, number: int, stage: Stage, inputs: Any, facts: Any, grids: Any

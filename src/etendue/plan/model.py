@@ -41,6 +41,7 @@ class Alternative:
     distribution: str
     version: str
     digest: str
+    written: frozenset[str] = frozenset()  # parameters that the file gives
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ class Segment:
     joined: tuple[Transfer, ...] | None = None  # reads the segment's input itself
     found: tuple[Found, ...] = ()  # what each of them awaits; (): none does
     spectrum: bool = False  # others go on from its own
+    source: str = ""  # key of the segment's input, where it is read itself
 
 
 @dataclass(eq=False)

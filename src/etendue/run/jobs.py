@@ -42,6 +42,9 @@ def make_jobs(
         if ref not in todo and ref not in spectra:
             continue  # stored and only read back
         node = nodes[cell.node]
+        stored = any((node.name, v) in plan.kept for v in node.writes)
+        if node.is_transfer and not (stored or ref in arrays or ref in spectra or ref in show):
+            continue  # light that nobody looks at: its readers start from the segment's input
         joined = len(node.segment) > 1
         for number, (_, source, variable) in enumerate(cell.inputs):
             if ref in direct and number == 0:
@@ -78,7 +81,7 @@ def make_jobs(
         if ref in direct:
             (source, variable), before = direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            segment = Segment(None, tuple(c.stage for c in before), _found_of(before), ref in spectra)  # type: ignore[misc]
+            segment = Segment(None, tuple(c.stage for c in before), _found_of(before), ref in spectra, plan.cells[source].key)  # type: ignore[misc]
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, spectrum=ref in spectra)
         jobs[ref] = Job(
@@ -131,7 +134,7 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
         return None
     source, variable = cell.segment_input
     grid = plan.cells[source].grids[variable]
-    expanded = isinstance(cell.stage, Summed) and cell.stage.terms() > 0
+    expanded = isinstance(cell.stage, Summed) and (0 < cell.stage.terms() < grid.bands().size or cell.stage.kept() < 1)
     if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
         return None
     before: list[Cell] = []

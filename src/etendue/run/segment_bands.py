@@ -18,13 +18,17 @@ from etendue.physics.light import expansion, sampling
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, in_order
 from etendue.run.job import Job
+from etendue.run.ownership import frozen
 from etendue.run.tables import TABLES, prepared_of
 from etendue.spec.capabilities import Summed, Transfer
 from etendue.spec.grid import Grid
+from etendue.spec.stage import state_of
 from etendue.transfers import Product
 from etendue.transfers import weights as weights_of
 
 TOGETHER = 4  # bands projected in one product
+LARGEST_SHARED = 64 << 20  # bytes of the spectra of all channels, up to which they are kept for other pixels
+DIGITS = 12  # of a channel's weights: those of pixels of another size differ in the last bits
 
 
 @dataclass(eq=False)
@@ -34,6 +38,7 @@ class GridTransfer:
     stages: tuple[Transfer, ...]
     grid: Grid
     precision: str
+    kept: float = 1.0  # share of the Nyquist frequency that there is
 
     @cached_property
     def product(self) -> Product:
@@ -41,14 +46,19 @@ class GridTransfer:
 
     @cached_property
     def _rows(self) -> Any:
-        return sampling.frequencies(self.grid.line("y").size, self.grid.line("y").step, half=False)
+        return sampling.frequencies(self.grid.line("y").size, self.grid.line("y").step, half=False, share=self.kept)
 
     @cached_property
     def _columns(self) -> Any:
-        return sampling.frequencies(self.grid.line("x").size, self.grid.line("x").step, half=True)
+        return sampling.frequencies(self.grid.line("x").size, self.grid.line("x").step, half=True, share=self.kept)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the half spectrum that there is."""
+        return self._rows.size, self._columns.size
 
     def band(self, number: int) -> Any:
-        """(Ny, Nx // 2 + 1)."""
+        """(rows, columns)."""
         return self.product.at(self._rows[:, None], self._columns[None, :], slice(number, number + 1))[0]
 
     @cached_property
@@ -56,7 +66,7 @@ class GridTransfer:
         """Radial look-up, where every stage depends on the radial frequency alone; else None."""
         if self.product.radial:
             y, x = self.grid.line("y"), self.grid.line("x")
-            key = ("radial plane", y.size, y.step, x.size, x.step, self.precision)
+            key = ("radial plane", y.size, y.step, x.size, x.step, self.kept, self.precision)
             return TABLES.get(key, lambda: expansion.RadialPlane(self._rows, self._columns, self.precision))
         return None
 
@@ -129,12 +139,18 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
         return {name: FilteredBands(light, GridTransfer(stages, grid, job.precision)) if stages else light}
     prepared = prepared_of(job.stage, job.input_grids, job.grids)
     weights = weights_of(stage, prepared).astype(float)
-    joined = GridTransfer(before, grid, job.precision)
-    terms = stage.terms()
-    channels = _expanded(stage, light, joined, weights, terms) if 0 < terms < light.shape[0] else _exact(light, joined, weights)
+    kept = stage.kept()
+    joined = GridTransfer(before, grid, job.precision, kept)
+    few = 0 < stage.terms() < light.shape[0]
+    if few or kept < 1:
+        sums = weights.sum(axis=1)
+        shares = np.divide(weights, sums[:, None], out=np.zeros_like(weights), where=sums[:, None] != 0).round(DIGITS)
+        channels = _shared(job, light, joined, shares, stage.terms() if few else 0)
+    else:
+        sums, channels = None, _exact(light, joined, weights)
     y, x = grid.line("y"), grid.line("x")
-    fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
-    fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
+    fy = sampling.frequencies(y.size, y.step, half=False, share=kept)[:, None]
+    fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
     aperture = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
     if aperture.shape[0] > 1:
         raise ValueError(f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
@@ -143,6 +159,10 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     for dim, line in (("y", y), ("x", x)):
         start, step = out.line(dim).um()
         where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
+    if sums is not None:  # others read the spectra too
+        behind = channels * aperture
+        behind *= sums[:, None, None].astype(aperture.real.dtype)
+        return {name: sampling.sample(behind, y.size, x.size, where[0], where[1]).astype(job.precision, copy=False)}
     planes = np.empty((channels.shape[0], where[0][2], where[1][2]), dtype=job.precision)
     for channel, half in enumerate(channels):
         half *= aperture
@@ -150,11 +170,40 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     return {name: planes}
 
 
+def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
+    """Half spectra of the channels in front of their pixels: the same for pixels of any size, and kept for the next of them."""
+    assert job.segment is not None
+    own = ("channels", job.segment.source, tuple(state_of(stage) for stage in joined.stages), shares.tobytes(), terms, job.precision)
+
+    def remembered(made: Any, planes: int, *more: Any) -> Any:
+        size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
+        whole = not own[1] or size > LARGEST_SHARED
+        return made() if whole else TABLES.get((*own, *more), made)
+
+    if not terms:
+        return remembered(lambda: frozen(_exact(light, joined, shares)), shares.shape[0], joined.kept)
+    live = shares.any(axis=1)
+
+    def fitted() -> Any:
+        highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
+        frequency = np.linspace(0.0, highest, expansion.FITTED)
+        return expansion.wavelength_basis(shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency))
+
+    def channels() -> Any:
+        basis = fitted()
+        spectra = remembered(lambda: tuple(frozen(sampling.spectrum(plane)) for plane in _gathered(light, basis)), terms)
+        found = np.zeros((live.size, *joined.shape), dtype=spectra[0].dtype)
+        found[live] = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in spectra))
+        return frozen(found)
+
+    return remembered(channels, shares.shape[0], joined.kept)
+
+
 def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     """Every band its own transform and transfer function; the sum is taken in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
-        half = sampling.spectrum(np.asarray(plane))
+        half = np.array(sampling.low_terms(sampling.spectrum(np.asarray(plane)), joined.shape))
         joined.apply(half, band)
         if sums is None:
             sums = np.zeros((weights.shape[0], *half.shape), dtype=half.dtype)
@@ -162,12 +211,8 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     return sums
 
 
-def _expanded(stage: Summed, light: Any, joined: GridTransfer, weights: Any, terms: int) -> Any:
-    """Few planes, each a sum over wavelength taken before its transform; every channel is a mixture of them."""
-    highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
-    frequency = np.linspace(0.0, highest, expansion.FITTED)
-    passed = stage.passed(frequency)
-    basis = expansion.wavelength_basis(weights, terms, joined.product.along(frequency), passed)
+def _gathered(light: Any, basis: Any) -> Any:
+    """Few planes, each a sum over wavelength: every channel is a mixture of them."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []
     for band, plane in enumerate(in_order(light)):
@@ -175,4 +220,4 @@ def _expanded(stage: Summed, light: Any, joined: GridTransfer, weights: Any, ter
         if len(group) == TOGETHER or band + 1 == light.shape[0]:
             expansion.add_projected(planes, basis[:, band + 1 - len(group) : band + 1], group)
             group = []
-    return joined.gathered(weights, basis, (sampling.spectrum(plane) for plane in planes))
+    return planes

@@ -56,8 +56,8 @@ class Summed(Transfer):
         """Of an expansion of the sum, where it is to be taken before the transfer functions; 0: every band has its own."""
         return 0
 
-    def passed(self, frequency: Any) -> Any:
-        """What of a radial frequency is left behind it, for the error of such an expansion."""
+    def kept(self) -> float:
+        """Share of the grid's Nyquist frequency beyond which the light in front of it is left out; 1: nothing is."""
         return 1.0
 
 

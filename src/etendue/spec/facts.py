@@ -64,13 +64,21 @@ class Spectrum:
         )
         return replace(self, power=power, amplitude=amplitude)
 
-    def range_of_light(self) -> tuple[float, float]:
-        """Smallest and largest value of any band, a little wider than the samples: light between them, and behind a transfer function
+    def bands_of_light(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Smallest and largest value of every band, a little wider than the samples: light between them, and behind a transfer function
         that the grid cuts off, swings as far beyond them as the finest detail there is."""
         fine = [i for i, edge in enumerate(self.edges[:-1]) if edge > 0.25 * self.edges[-1]]
-        swing = 6 * max(math.sqrt(sum(row[i] for i in fine)) for row in self.power)
-        low, high = min(self.low), max(self.high)
-        return self.full * (max(low - swing, 0.0) if low >= 0 else low - swing), self.full * (high + swing)
+        low, high = [], []
+        for own, most, row in zip(self.low, self.high, self.power, strict=True):
+            swing = 6 * math.sqrt(sum(row[i] for i in fine))
+            low.append(self.full * (max(own - swing, 0.0) if own >= 0 else own - swing))
+            high.append(self.full * (most + swing))
+        return tuple(low), tuple(high)
+
+    def range_of_light(self) -> tuple[float, float]:
+        """The same over all bands."""
+        low, high = self.bands_of_light()
+        return min(low), max(high)
 
     @property
     def rms(self) -> float:

@@ -23,6 +23,15 @@ FEW_NODES, MANY_NODES = 8192, 32768
 FITTED = 257
 """Radial frequencies at which a basis is fitted."""
 
+FLAT_BELOW = 1 / 64
+"""Of the highest frequency: up to here all frequencies matter alike to the fit, beyond as their amplitude in pictures falls: as 1/f."""
+
+
+def importance(frequency: FloatArray) -> FloatArray:
+    """How much an error at each radial frequency matters to the fit of a basis, whatever the pixels are: 1, then falling as 1/f."""
+    flat = FLAT_BELOW * float(frequency.max()) or 1.0
+    return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
+
 
 def wavelength_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
     """Functions of wavelength in which the weighted transfer functions of all channels are expanded.
@@ -85,7 +94,7 @@ def coefficients(weights: FloatArray, basis: FloatArray, transfer: FloatArray) -
 
 
 def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatArray) -> FloatArray:
-    """What an expansion leaves out, for light of the same strength in every band, relative to the channel's full scale.
+    """What an expansion leaves out of every band, relative to the channel's full scale in light of equal strength in all bands.
 
     Parameters
     ----------
@@ -96,12 +105,12 @@ def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatAr
 
     Returns
     -------
-    (channel, frequency) array
-        sum_l |w_l T_l - sum_k u_k g_k(l)| / sum_l w_l.
+    (channel, wavelength, frequency) array
+        |w_l T_l - sum_k u_k g_k(l)| / sum_l w_l.
     """
     weights = np.asarray(weights, dtype=float)
     made = np.einsum("ckf,kl->clf", coefficients(weights, basis, transfer), basis)
-    return np.abs(weights[:, :, None] * transfer - made).sum(axis=1) / weights.sum(axis=1)[:, None]
+    return np.abs(weights[:, :, None] * transfer - made) / weights.sum(axis=1)[:, None, None]
 
 
 class RadialPlane:

@@ -11,6 +11,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+FEW = 256  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform
+
 FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]
 
@@ -66,9 +68,27 @@ def spectrum(planes: FloatArray) -> ComplexArray:
     return scipy.fft.rfft2(pad(planes), workers=1)
 
 
-def frequencies(size: int, step: float, half: bool) -> FloatArray:
-    """Spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform."""
+def kept_terms(size: int, share: float) -> int:
+    """Of a padded axis, how many terms from 0 on lie within a share of its Nyquist frequency."""
+    return min(int(share * (padded_size(size) // 2)), padded_size(size) // 2)
+
+
+def low_terms(half_spectrum: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
+    """The terms of a half spectrum from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); itself where all are asked."""
+    rows, columns = shape
+    if half_spectrum.shape[-2:] == shape:
+        return half_spectrum
+    low = half_spectrum[..., :columns]
+    return np.concatenate([low[..., : rows // 2 + 1, :], low[..., low.shape[-2] - rows // 2 :, :]], axis=-2)
+
+
+def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> FloatArray:
+    """Spatial frequencies of a padded axis, cycles/um: all of them, or the half kept by a real transform; or those of ``low_terms`` within
+    a share of the Nyquist frequency."""
     total = padded_size(size)
+    if share < 1:
+        terms = np.arange(kept_terms(size, share) + 1)
+        return (terms if half else np.concatenate([terms, -terms[:0:-1]])) / (total * step)
     return scipy.fft.rfftfreq(total, step) if half else scipy.fft.fftfreq(total, step)
 
 
@@ -88,8 +108,15 @@ def whole_steps(in_start: float, in_step: float, out_start: float, out_step: flo
     return slice(first, last + 1, step)
 
 
-def _waves(positions: FloatArray, total: int, half: bool) -> ComplexArray:
-    """exp(2 pi i k u / N) for every position and frequency index; the Nyquist term as a cosine (real interpolation)."""
+def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> ComplexArray:
+    """exp(2 pi i k u / N) for every position and frequency index; the Nyquist term as a cosine (real interpolation).
+
+    ``terms`` : how many a spectrum has along this axis; fewer than the transform: those of ``low_terms``.
+    """
+    if terms < (total // 2 + 1 if half else total):
+        k = np.arange(terms) if half else np.concatenate([np.arange(terms // 2 + 1), -np.arange(terms // 2, 0, -1)])
+        waves = np.exp(2j * np.pi * ((positions[:, None] * k[None, :]) / total))
+        return waves * np.where(k == 0, 1.0, 2.0) if half else waves
     k = np.arange(total // 2 + 1) if half else np.rint(scipy.fft.fftfreq(total) * total)
     phase = 2 * np.pi * ((positions[:, None] * k[None, :]) / total)
     waves = np.exp(1j * phase)
@@ -111,7 +138,7 @@ def evaluate(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, floa
     Parameters
     ----------
     half_spectrum : (..., Ny, Nx//2 + 1) complex array
-        Of planes whose frame has ``ny`` x ``nx`` samples.
+        Of planes whose frame has ``ny`` x ``nx`` samples; or what ``low_terms`` gives of it.
     y, x : (start, step, size)
         Output positions in samples of the input grid (0 is its first sample).
 
@@ -126,8 +153,8 @@ def evaluate(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, floa
     2e-6 in single precision.
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
-    rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, half=False).astype(half_spectrum.dtype)
-    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, half=True).astype(half_spectrum.dtype)
+    rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, False, half_spectrum.shape[-2]).astype(half_spectrum.dtype)
+    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, True, half_spectrum.shape[-1]).astype(half_spectrum.dtype)
     return np.ascontiguousarray(((rows @ half_spectrum) @ columns.T).real / (total_y * total_x)).astype(
         half_spectrum.real.dtype, copy=False
     )
@@ -139,7 +166,20 @@ def sample(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float,
     columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)
     if rows is None or columns is None:
         return evaluate(half_spectrum, ny, nx, y, x)
+    if half_spectrum.shape[-1] <= padded_size(nx) // 2:
+        if y[2] * x[2] < FEW * padded_size(ny):
+            return evaluate(half_spectrum, ny, nx, y, x)
+        half_spectrum = _whole(half_spectrum, padded_size(ny), padded_size(nx))
     return np.ascontiguousarray(planes_of(half_spectrum, ny, nx)[..., rows, columns])
+
+
+def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:
+    """A part of a spectrum with zeros where it has no terms."""
+    found = np.zeros((*low.shape[:-2], total_y, total_x // 2 + 1), dtype=low.dtype)
+    middle, columns = low.shape[-2] // 2, low.shape[-1]
+    found[..., : middle + 1, :columns] = low[..., : middle + 1, :]
+    found[..., total_y - middle :, :columns] = low[..., middle + 1 :, :]
+    return found
 
 
 def sum_over_wavelength(weights: FloatArray, half_spectrum: ComplexArray) -> ComplexArray:

@@ -14,10 +14,10 @@ import numpy as np
 
 from etendue import spectra
 from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, Transfer, param, quantity
-from etendue.physics.light import expansion
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
 from etendue.spec.roles import CROSSTALK
+from etendue.stages.sensor import missing
 from etendue.stages.sensor.sensitivity import (
     FLAT,
     Collecting,
@@ -27,7 +27,6 @@ from etendue.stages.sensor.sensitivity import (
     quantum_efficiency,
     unused_notes,
 )
-from etendue.transfers import Product
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +105,11 @@ class Pixel(Collecting, Summed):
         settings=(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 32, 0),
         doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve most lenses",
     )  # fmt: skip
+    kept_frequencies: float = param(
+        1.0, above=0, at_most=1, fidelity=True, reference="1: all that the grid carries",
+        settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0),
+        doc="share of the grid's Nyquist frequency beyond which light is left out",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -165,20 +169,31 @@ class Pixel(Collecting, Summed):
         return (5e-6 if precision == "float32" else 2e-14), "measured"
 
     def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """With an expansion: what it leaves out of light equally strong in every band, at the frequency where that is most."""
+        """With what an expansion and the frequencies left out take from the light: of what the scene holds, where that is known; else of
+        light equally strong in every band, at the frequency where that is most."""
         bound, how = self.error(facts, grid, precision)
-        edges = grid["irradiance"].bands().edges
-        if not before or not 0 < self.wavelength_terms < len(edges) - 1:
+        light = grid["irradiance"]
+        few = 0 < self.wavelength_terms < light.bands().size and bool(before)
+        if not few and self.kept_frequencies == 1:
             return bound, how
-        highest = 0.5 * math.hypot(1 / grid["irradiance"].line("y").step, 1 / grid["irradiance"].line("x").step)
-        frequency = np.linspace(0.0, highest, expansion.FITTED)
-        transfer, passed = Product(before, edges).along(frequency), self.passed(frequency)
+        lost = missing.of_the_light(
+            self.normalised(light.bands().edges), before, light, facts["irradiance"].spectrum, self.passed,
+            self.wavelength_terms if few else 0, self.kept_frequencies,
+        )  # fmt: skip
+        return bound + lost, "fitted"
+
+    def normalised(self, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+        """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0 where nothing is seen."""
         weights = electrons_per_irradiance(self, edges)
-        basis = expansion.wavelength_basis(weights, self.wavelength_terms, transfer, passed)
-        return bound + float((passed * expansion.expansion_residual(weights, transfer, basis).max(axis=0)).max()), "fitted"
+        sums = weights.sum(axis=1, keepdims=True)
+        shares = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0).round(12)
+        return tuple(tuple(map(float, row)) for row in shares)
 
     def terms(self) -> int:
         return self.wavelength_terms
+
+    def kept(self) -> float:
+        return self.kept_frequencies
 
     def passed(self, frequency: Any) -> Any:
         """The largest value of the aperture's transfer function at a radial frequency, over all directions."""
@@ -190,7 +205,14 @@ class Pixel(Collecting, Summed):
         return found
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        return Facts(uniform=facts["irradiance"].uniform, contrast=None)
+        """Charge between that of the darkest and of the brightest light, in any channel."""
+        light = facts["irradiance"]
+        if light.spectrum is None or light.low is None or light.high is None:
+            return Facts(uniform=light.uniform)
+        weights = electrons_per_irradiance(self, grid["irradiance"].bands().edges)
+        low, high = light.spectrum.bands_of_light()
+        below, above = weights @ np.array(low), weights @ np.array(high)
+        return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()))
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         edges = grids["irradiance"].bands().edges
