@@ -20,7 +20,7 @@ from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
 from etendue.plan.quantities import to_be_found
 from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
-from etendue.spec.capabilities import Bounded, Probe, Summed, is_random
+from etendue.spec.capabilities import Bounded, Probe, Sampled, Summed, is_random
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import Found
 from etendue.spec.grid import Grid, Labels
@@ -37,6 +37,8 @@ class Choice:
     tolerance: float
     leave_out: bool
     precision: str  # auto, float32 or float64
+    expected: bool = False  # means in the place of draws and rounding
+    computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
 
 
 Told = Callable[[int, int], None]  # how many cells are planned, of how many
@@ -237,7 +239,7 @@ class _Expansion:
         return asking.carried(stage, facts, grids)
 
     def decide(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids_in: Any, grids: Mapping[str, Grid]) -> LeftOut | None:
-        if not self.choice.leave_out or not isinstance(stage, Bounded):
+        if not self.choice.leave_out or node.name in self.choice.computed or not isinstance(stage, Bounded):
             return None
         return leave_out.decide(stage, inputs, facts, grids_in, grids, self.shares[node.name])
 
@@ -277,14 +279,17 @@ class _Expansion:
             "inputs": {p: self.cells[ref].key for p, ref, _ in inputs},
             "precision": self.precision,
         }
+        averaged = self.choice.expected and isinstance(stage, Sampled)
+        if averaged:
+            fields["expected"] = True
         libraries = set(stage.libraries) | ({"numpy", "scipy"} if is_random(type(stage)) or node.segment else set())
         for port, refs in looks_at:
             if looks(reads_of(one.kind)[port]) == "transfer":
                 libraries |= {"numpy", "scipy"}.union(*(self.cells[ref].stage.libraries for ref in refs))
         fields["versions"] = {name: version_of(name) for name in sorted(libraries)}
-        if is_random(type(stage)):
+        if is_random(type(stage)) and not averaged:
             fields["seed"], fields["name"] = self.pipeline.seed, node.name
-        if "rng" in arguments_of(type(stage)):
+        if "rng" in arguments_of(type(stage)) and not averaged:
             fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
             fields["draws found by"] = [f"{w.stage}.{w.name} {self.cells[w.ref].key}" for w in open_words]
         for port, refs in looks_at:
@@ -301,7 +306,7 @@ class _Expansion:
 
     def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
-        if not is_random(type(stage)):
+        if not is_random(type(stage)) or (self.choice.expected and isinstance(stage, Sampled)):
             return b"", ()
         if asking.common_draws(stage):
             return f"{self.pipeline.seed}|{node.name}|".encode(), ()

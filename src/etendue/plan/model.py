@@ -177,6 +177,7 @@ class Plan:
     camera: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out
+    expected: bool = False  # means in the place of draws and rounding: integer variables are floats, nothing is stored
 
     def node(self, name: str) -> Node:
         for node in self.nodes:

@@ -7,6 +7,7 @@ Out: the field of a dataclass.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 MISSING = dataclasses.MISSING
@@ -25,6 +26,8 @@ class Parameter:
     camera: bool = False
     fidelity: bool = False
     reference: str = ""
+    settings: tuple[Any, ...] = ()  # of a fidelity knob, from the cheapest to the reference
+    grid: bool = False  # it changes the grid or the drawing of what is written: varied by accuracy studies alone
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
@@ -50,6 +53,12 @@ class Parameter:
             return self.range_text()
         return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
 
+    @property
+    def closed_form(self) -> bool:
+        """Whether the reference is no finite setting: its last setting is 0, no number, or has no end."""
+        last = self.settings[-1] if self.settings else None
+        return last is None or isinstance(last, str | bool) or last == 0 or math.isinf(last)
+
     def allows(self, value: float) -> bool:
         return (
             (self.above is None or value > self.above)
@@ -64,6 +73,8 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     parameter = Parameter(**allowed)
     if parameter.fidelity and not parameter.reference:
         raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
+    if parameter.settings and not parameter.fidelity:
+        raise TypeError("settings are those of a fidelity parameter: param(..., fidelity=True, reference='...', settings=(...))")
     return (
         dataclasses.field(default=default, metadata={"parameter": parameter})
         if default is not MISSING

@@ -117,7 +117,13 @@ class Resolution(Probe):
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
     nodes: int = param(
-        512, at_least=16, held=(16, 16384), fidelity=True, reference="twice the nodes", doc="frequencies at which a crossing is looked for"
+        512,
+        at_least=16,
+        held=(16, 16384),
+        fidelity=True,
+        reference="twice the nodes",
+        settings=(32, 64, 128, 256, 512, 1024, 2048),
+        doc="frequencies at which a crossing is looked for",
     )
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:

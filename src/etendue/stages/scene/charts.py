@@ -46,7 +46,7 @@ class Scene(Source, Banded):
     width: float = param(1000.0, units="um", above=0, doc="width of the light on the image plane")
     height: float = param(1000.0, units="um", above=0, doc="height of the light on the image plane")
     spacing: float = param(
-        1.0, units="um", above=0, fidelity=True, reference="half the spacing",
+        1.0, units="um", above=0, fidelity=True, reference="half the spacing", grid=True, settings=(8.0, 4.0, 2.0, 1.0, 0.5, 0.25),
         doc="distance between samples; half of it resolves twice the frequency",
     )  # fmt: skip
     light: str = param(
@@ -57,7 +57,10 @@ class Scene(Source, Banded):
     centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
-    bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", doc="width of a wavelength bin")
+    bin_width: float = param(
+        10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", grid=True, settings=(80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.0),
+        doc="width of a wavelength bin",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
@@ -157,7 +160,7 @@ class Scene(Source, Banded):
 
 def _softness() -> Any:
     return param(
-        1.0, at_least=0, fidelity=True, reference="the ideal chart",
+        1.0, at_least=0, fidelity=True, reference="the ideal chart", grid=True,
         doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
     )  # fmt: skip
 

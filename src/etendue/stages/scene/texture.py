@@ -30,7 +30,7 @@ class DeadLeaves(Scene):
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = param(
-        1.0, at_least=0, held=(0, 100), fidelity=True, reference="the ideal chart",
+        1.0, at_least=0, held=(0, 100), fidelity=True, reference="the ideal chart", grid=True,
         doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
     )  # fmt: skip
     oversampling: int = param(
