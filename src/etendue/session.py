@@ -17,6 +17,7 @@ from typing import Any
 from etendue import interrupts
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plan import planner
+from etendue.plan.ancestry import ancestry
 from etendue.plan.machine import check_machine
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.shown import shown_cells, where_shown
@@ -71,6 +72,14 @@ class Outcome:
     @property
     def computed(self) -> int:
         return sum(r.status in ("done", "left_out") for r in self.reports.values())
+
+
+@dataclass
+class Collected:
+    """Arrays of the cells that were asked for, and what became of all that were computed."""
+
+    arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+    reports: dict[CellRef, CellReport] = field(default_factory=dict)
 
 
 class _Silent:
@@ -173,6 +182,41 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
         files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
         work.mended,
     )  # fmt: skip
+
+
+def collect(
+    plan: Plan, wanted: Mapping[CellRef, Iterable[str]], options: Options | None = None, progress: Progress | None = None
+) -> Collected:  # fmt: skip
+    """Compute some variables of some cells of a plan, and what they need, in memory; nothing of it is kept anywhere.
+
+    Raises
+    ------
+    MachineError
+        Before anything is computed.
+    """
+    options, progress, chosen = options or Options(), progress or _Silent(), {ref: frozenset(names) for ref, names in wanted.items()}
+    check_timeout(options)
+    found = Collected()
+
+    def before(batch: Batch) -> None:
+        progress.starting(tuple(dict.fromkeys(job.ref[0] for job in batch.jobs)))
+
+    def after(batch: Batch, result: BatchResult) -> None:
+        found.reports.update({(r.stage, r.index): r for r in result.reports})
+        found.arrays.update({ref: {v: a for v, a in own.items() if v in chosen[ref]} for ref, own in result.kept.items()})
+        result.kept.clear()
+        progress.finished(result.reports)
+
+    with interrupts.held():
+        alone = replace(plan, kept=frozenset())
+        jobs = make_jobs(alone, ancestry(alone, chosen), lambda cell: None, show=frozenset(chosen))
+        progress.begin(len(jobs))
+        try:
+            interrupts.check()
+            _run(partition(jobs, options.batch_seconds), frozenset(chosen), before, after, options, Stop())
+        finally:
+            progress.end()
+    return found
 
 
 def _as_asked(report: CellReport, ref: CellRef) -> CellReport:

@@ -23,7 +23,7 @@ from typing import Any
 from etendue.errors import ArchiveError
 
 PARTIAL = ".partial"
-FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "contact_sheet.png")
+FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "contact_sheet.png", "measured.json")
 FOLDERS = ("data.zarr", "inputs", "runs")
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a file, in the place of a folder

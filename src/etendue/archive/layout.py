@@ -141,7 +141,7 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
-        dtype = plan.precision if declaration.dtype == "float" else declaration.dtype
+        dtype = plan.precision if declaration.dtype == "float" or plan.expected else declaration.dtype
         group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs)
         for dim in dims:
             if dim not in group.coordinates:

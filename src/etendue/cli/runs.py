@@ -59,8 +59,11 @@ def plan(given: Given, as_json: bool) -> None:
     help="A cell that takes longer is stopped and counts as failed. With processes or tcp:// only: a thread cannot be stopped.",
 )
 @click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
+@click.option("--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference.")
 @click.option("--quiet", is_flag=True, help="No progress.")
-def run(given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
+def run(
+    given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, measure: bool, quiet: bool, **how: Any
+) -> None:  # fmt: skip
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
     On an archive that exists this resumes. A cell whose stage breaks off, kills its worker process or takes longer than
@@ -82,11 +85,28 @@ def run(given: Given, as_json: bool, archive: Path | None, scheduler: str, worke
         for text in made.warnings:
             click.echo(f"note: {printable(text)}", err=True)
     outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    measured = _measured(made, folder, options, quiet) if measure else None
     if as_json:
-        say(outcome_document(outcome))
+        say({**outcome_document(outcome), **(measured or {})})
     else:
         show(print_outcome, outcome)
+        if measured:
+            from etendue.report.global_error import print_global_error
+
+            show(print_global_error, measured)
     sys.exit(3 if outcome.failed else 0)
+
+
+def _measured(made: Any, folder: Path, options: Any, quiet: bool) -> dict[str, Any]:
+    """The global errors of a run, as in ``--json``."""
+    from etendue.registry import installed_stages
+    from etendue.report.global_error import global_error_document
+    from etendue.report.terminal import TerminalProgress
+    from etendue.studies.measuring import measure
+
+    pipeline = replace(made.pipeline, leave_out=made.leaves_out)
+    found = measure(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress, archive=folder)
+    return global_error_document(found, pipeline.tolerance)
 
 
 @command("show")

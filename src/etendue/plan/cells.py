@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from etendue.errors import Fault, PluginError, RequestError
 from etendue import effects
+from etendue.errors import Fault, PluginError, RequestError
 from etendue.plan import asking, leave_out, scenes, words
 from etendue.plan.approximate import choose, open_knobs
 from etendue.plan.graph import Graph
@@ -22,7 +22,7 @@ from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
 from etendue.plan.quantities import to_be_found
 from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
-from etendue.spec.capabilities import Probe, Source, Summed, Transfer, is_random
+from etendue.spec.capabilities import Probe, Sampled, Source, Summed, Transfer, is_random
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import Found
 from etendue.spec.grid import Grid, Labels
@@ -41,12 +41,16 @@ class Choice:
     leave_out: bool  # whether anything may be left out or approximated
     precision: str  # auto, float32 or float64
     norm: str = "rms"
+    expected: bool = False  # means in the place of draws and rounding
+    computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
 
 
 Told = Callable[[int, int], None]  # how many cells are planned, of how many
 
 
-def expand(graph: Graph, pipeline: Pipeline, choice: Choice, told: Told = lambda done, total: None) -> tuple[dict[CellRef, Cell], str, float]:
+def expand(
+    graph: Graph, pipeline: Pipeline, choice: Choice, told: Told = lambda done, total: None
+) -> tuple[dict[CellRef, Cell], str, float]:
     """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
     expansion = _Expansion(graph, pipeline, choice, told)
     return expansion.expand(), expansion.precision, expansion.looked
@@ -94,7 +98,8 @@ class _Expansion:
         self.faults: dict[str, Fault] = {}
         self.rule = leave_out.Rule(choice.tolerance if choice.leave_out else None, choice.norm)
         self.looked = 0.0  # seconds of looking at scenes that were never seen before
-        self.knobs = {(node.name, number): self.open_knobs(node, one) for node in graph.nodes for number, one in enumerate(node.alternatives)}
+        every = [(node, number, one) for node in graph.nodes for number, one in enumerate(node.alternatives)]
+        self.knobs = {(node.name, number): self.open_knobs(node, one) for node, number, one in every}
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
         """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
@@ -222,7 +227,8 @@ class _Expansion:
                     declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(one.kind).values()}
                 grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in writes.items()}
                 facts = self.carried(stage, input_facts, input_grids)
-            decided = self.decide(stage, input_facts, whole_grids, grids, by_dim)
+            spared = node.name in self.choice.computed
+            decided = None if spared else self.decide(stage, input_facts, whole_grids, grids, by_dim)
             approximated: tuple[Approximated, ...] = ()
             if not decided and self.knobs[node.name, number]:
                 stage, approximated = self.approximate(node, number, stage, inputs, input_facts, input_grids)
@@ -343,14 +349,17 @@ class _Expansion:
             "inputs": {p: self.cells[ref].key for p, ref, _ in inputs},
             "precision": self.precision,
         }
+        averaged = self.choice.expected and isinstance(stage, Sampled)
+        if averaged:
+            fields["expected"] = True
         libraries = set(stage.libraries) | ({"numpy", "scipy"} if is_random(type(stage)) or node.segment else set())
         for port, refs in looks_at:
             if looks(reads_of(one.kind)[port]) == "transfer":
                 libraries |= {"numpy", "scipy"}.union(*(self.cells[ref].stage.libraries for ref in refs))
         fields["versions"] = {name: version_of(name) for name in sorted(libraries)}
-        if is_random(type(stage)):
+        if is_random(type(stage)) and not averaged:
             fields["seed"], fields["name"] = self.pipeline.seed, node.name
-        if "rng" in arguments_of(type(stage)):
+        if "rng" in arguments_of(type(stage)) and not averaged:
             fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
             fields["draws found by"] = [f"{w.stage}.{w.name} {self.cells[w.ref].key}" for w in open_words]
         for port, refs in looks_at:
@@ -367,7 +376,7 @@ class _Expansion:
 
     def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
-        if not is_random(type(stage)):
+        if not is_random(type(stage)) or (self.choice.expected and isinstance(stage, Sampled)):
             return b"", ()
         if asking.common_draws(stage):
             return f"{self.pipeline.seed}|{node.name}|".encode(), ()

@@ -194,6 +194,7 @@ class Plan:
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
     looked: float = 0.0  # seconds of looking at scenes that were never planned before
+    expected: bool = False  # means in the place of draws and rounding: integer variables are floats, nothing is stored
 
     def node(self, name: str) -> Node:
         for node in self.nodes:

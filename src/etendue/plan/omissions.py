@@ -36,7 +36,13 @@ def approximated(cells: Sequence[Cell]) -> list[dict[str, Any]] | None:
     if not found:
         return None
     return [
-        {"knob": knob, "value": _shown(value), "reference": _shown(every[0].reference), "bound": max(one.bound for one in every), "cells": len(every)}
+        {
+            "knob": knob,
+            "value": _shown(value),
+            "reference": _shown(every[0].reference),
+            "bound": max(one.bound for one in every),
+            "cells": len(every),
+        }
         for (knob, value), every in found.items()
     ]
 

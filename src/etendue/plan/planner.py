@@ -20,9 +20,12 @@ from etendue.telling import plain
 
 
 def make_plan(
-    pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None
+    pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
+    expected: bool = False, computed: frozenset[str] = frozenset(),
 ) -> Plan:  # fmt: skip
     """Check a pipeline and expand it into cells; ``told`` hears how many of how many are planned.
+
+    ``expected``: samplers are replaced by their mean, rounding by the identity. ``computed``: stages that are not left out in any cell.
 
     Raises
     ------
@@ -32,7 +35,7 @@ def make_plan(
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     try:
         graph = build_graph(pipeline, registry)
-        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm)
+        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, computed)
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
@@ -52,6 +55,7 @@ def make_plan(
         camera=graph.camera,
         leaves_out=leave_out_allowed,
         looked=looked,
+        expected=expected,
         warnings=(*graph.warnings, *warnings),
     )
     return plan

@@ -15,8 +15,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from etendue import scenes
-from etendue.scenes import light_of
 from etendue.plan.keys import code_digest, key_of, parameters_for_key
+from etendue.scenes import light_of
 from etendue.spec.capabilities import Source
 from etendue.spec.facts import Spectrum
 from etendue.spec.grid import Grid
@@ -52,9 +52,9 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | N
 def _read(path: Path) -> Spectrum | None:
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        rows = {name: tuple(map(tuple, document[name])) for name in ("power", "amplitude")}
-        lists = {name: tuple(document[name]) for name in ("edges", "low", "mean", "high")}
-        return Spectrum(full=document["full"], **rows, **lists)
+        power, amplitude = (tuple(map(tuple, document[name])) for name in ("power", "amplitude"))
+        edges, low, mean, high = (tuple(map(float, document[name])) for name in ("edges", "low", "mean", "high"))
+        return Spectrum(float(document["full"]), edges, power, amplitude, low, mean, high)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -47,7 +47,8 @@ def check(job: Job, arrays: Any) -> dict[str, Any]:
         array = as_array(name, variable, arrays.pop(variable))
         if array.shape != shape:
             raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {declaration.dims} = {shape}")
-        wanted = np.dtype(job.precision if declaration.dtype == "float" else declaration.dtype)
+        as_floats = declaration.dtype == "float" or (job.expected and array.dtype.kind == "f")
+        wanted = np.dtype(job.precision if as_floats else declaration.dtype)
         if wanted.kind == "f":
             if array.dtype.kind not in "fiub":
                 raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
@@ -161,7 +162,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
     else:
-        result, arrays = Result(), job.stage.run(**arguments(job, results, clipped))
+        result, arrays = Result(), job.run(**arguments(job, results, clipped))
     if not is_transfer(type(job.stage)) or arrays:
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied

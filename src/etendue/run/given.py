@@ -22,7 +22,7 @@ from etendue.run.ownership import for_reading, frozen
 from etendue.run.segments import Result
 from etendue.run.tables import TABLES, SensorRandom, prepared_of
 from etendue.spec.capabilities import Probe
-from etendue.spec.stage import Stage, arguments_of, optional_ports
+from etendue.spec.stage import Stage, optional_ports
 
 NOTHING = Looking()
 Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
@@ -32,7 +32,7 @@ def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> 
     """Everything that ``run`` asks for, in its order."""
     arrays = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
     given = {port: for_reading(not_negative(job, results, port, array, clipped)) for port, array in arrays.items()} | beside(job, results)
-    return {name: given[name] for name in arguments_of(type(job.stage)) if name in given}
+    return {name: given[name] for name in job.asks if name in given}
 
 
 def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: CellRef, variable: str) -> Any:
@@ -84,7 +84,7 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
         else:
             given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
     ports = {port for port, _, _ in job.inputs}
-    others = [name for name in arguments_of(type(job.stage)) if name not in given and name not in ports | optional_ports(type(job.stage))]
+    others = [name for name in job.asks if name not in given and name not in ports | optional_ports(type(job.stage))]
     if "asked" in others:
         given["asked"] = frozenset(name for name, declared in job.writes.items() if declared.optional)
     if "prepared" in others:

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 from etendue.plan.model import CellRef
 from etendue.plan.words import Open
-from etendue.spec.capabilities import Summed, Transfer
+from etendue.spec.capabilities import Sampled, Summed, Transfer, mean_arguments_of
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage
+from etendue.spec.stage import Stage, arguments_of
 from etendue.spec.variables import Declaration
 
 Found = tuple[tuple[str, CellRef, str], ...]  # camera quantities, and the cells and variables that hold them
@@ -93,6 +94,23 @@ class Job:
     looking: Looking | None = None
     waiting: Waiting | None = None
     mapped: Mapped | None = None
+    expected: bool = False  # means in the place of draws and rounding
+
+    @property
+    def averages(self) -> bool:
+        """Whether the stage's mean stands in the place of its draw."""
+        return self.expected and isinstance(self.stage, Sampled)
+
+    @property
+    def asks(self) -> tuple[str, ...]:
+        """The names that ``run`` asks for."""
+        kind = type(self.stage)
+        return mean_arguments_of(kind) if self.expected and issubclass(kind, Sampled) else arguments_of(kind)
+
+    @property
+    def run(self) -> Any:
+        """What is called with them."""
+        return self.stage.mean if self.expected and isinstance(self.stage, Sampled) else self.stage.run
 
     @property
     def spectrum(self) -> bool:

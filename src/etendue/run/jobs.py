@@ -91,7 +91,7 @@ def make_jobs(
             deliver=tuple(deliver), target=target(cell), seconds=cell_seconds(node, cell, plan.precision), give=give,
             by_band=_by_band(node, cell, plan.precision), segment=segment, looking=_looking(plan, nodes, cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
-            mapped=Mapped(cell.mapped, _leading(nodes, cell)) if cell.mapped else None,
+            mapped=Mapped(cell.mapped, _leading(nodes, cell)) if cell.mapped else None, expected=plan.expected,
         )  # fmt: skip
     return jobs
 

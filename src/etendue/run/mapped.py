@@ -21,7 +21,7 @@ from etendue.run.job import Job
 from etendue.run.ownership import as_array, for_reading
 from etendue.run.segments import Result, transferred
 from etendue.spec.capabilities import Transfer, is_random
-from etendue.spec.stage import Stage, arguments_of, quantities_of, writes_of
+from etendue.spec.stage import Stage, quantities_of, writes_of
 
 Results = Mapping[CellRef, Result]
 Check = Callable[[Job, Any], dict[str, Any]]
@@ -32,9 +32,10 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     slices = _Slices(job, results, clipped)
     if isinstance(job.stage, Transfer):
         return slices.joined([transferred(*slices.alone(at))[1] for at in np.ndindex(*slices.sizes)], check)
-    names = arguments_of(type(job.stage))
-    if job.stage.elementwise and not (slices.found or slices.along or is_random(type(job.stage))):
+    names = job.asks
+    if job.stage.elementwise and not (slices.found or slices.along or (is_random(type(job.stage)) and not job.averages)):
         return slices.at_once(names, check)
+    called = "mean" if job.averages else "run"
     arrays: dict[str, Any] = {}
     constant: dict[str, Any] = {}
     for number, at in enumerate(np.ndindex(*slices.sizes)):
@@ -44,7 +45,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
         given = slices.arrays_at(at) | constant
         if "rng" in constant:
             given["rng"] = philox(seed_found(job, results, at) + slices.words(at))
-        found = stage.run(**{name: given[name] for name in names if name in given})
+        found = getattr(stage, called)(**{name: given[name] for name in names if name in given})
         if number:
             _put(arrays, found, slices, at)
         else:
@@ -117,7 +118,7 @@ class _Slices:
         given = {port: for_reading(array) for port, array, _ in self.given} | beside(self.core, self.results)
         for port in self.negative:
             given[port] = not_negative(self.job, self.results, port, given[port], self.clipped)
-        found = self.core.stage.run(**{name: given[name] for name in names if name in given})
+        found = self.core.run(**{name: given[name] for name in names if name in given})
         if isinstance(found, dict):
             for variable in self.led:
                 shape = self.job.grids[variable].shape(self.job.writes[variable].dims)

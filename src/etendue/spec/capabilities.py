@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Bands, Grid, Labels, Line
-from etendue.spec.stage import Stage, arguments_of, reads_of, writes_of
+from etendue.spec.stage import Stage, arguments_of, names_asked, per_kind, reads_of, writes_of
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -84,6 +84,20 @@ class Bounded(Stage):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Sampled(Stage):
+    """A stage that draws random numbers or rounds, and knows what it writes on average.
+
+    Errors of a camera are found by comparing expected values: an error d in front of rounding by q is sqrt(d q) behind it, and two
+    draws differ by their noise.
+    """
+
+    @abstractmethod
+    def mean(self, *given: Any, **named: Any) -> Any:
+        """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what ``run`` may ask for,
+        random numbers aside."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Probe(Stage):
     """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
 
@@ -108,7 +122,7 @@ class Viewed(Stage):
 
 CAPABILITIES = {
     "describe": Source, "transfer": Transfer, "weights": Summed, "by_band": Banded, "negligible": Bounded,
-    "viewing_white": Viewed,
+    "viewing_white": Viewed, "mean": Sampled,
 }  # fmt: skip
 
 
@@ -136,6 +150,8 @@ def check_class(kind: type[Stage]) -> None:
         raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
         raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
+    if issubclass(kind, Sampled):
+        mean_arguments_of(kind)
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
     for attribute in ("run", "grid", "carry", "error", "prepare", "warn", "warn_among", "assumes", *own_methods):
         own = inspect.getattr_static(kind, attribute, None)
@@ -169,3 +185,23 @@ def moves_light(kind: type[Stage]) -> bool:
 
 def is_random(kind: type[Stage]) -> bool:
     return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
+
+
+def rounds(kind: type[Stage]) -> bool:
+    """Whether a stage writes whole numbers of a physical unit: codes of a converter."""
+    return any(d.dtype != "float" and d.unit != "1" for d in writes_of(kind).values())
+
+
+def has_no_mean(kind: type[Stage]) -> bool:
+    """Whether a stage draws or rounds and does not say what comes of it on average."""
+    return (is_random(kind) or rounds(kind)) and not issubclass(kind, Sampled)
+
+
+@per_kind
+def mean_arguments_of(kind: type[Sampled]) -> tuple[str, ...]:
+    """The names that ``mean`` asks for. Random numbers are refused: there is nothing to draw."""
+    names = names_asked(kind, "mean")
+    drawn = [name for name in names if name in ("rng", "rng_sensor")]
+    if drawn:
+        raise TypeError(f"{kind.__name__}.mean asks for {', '.join(drawn)}: a mean draws nothing")
+    return names

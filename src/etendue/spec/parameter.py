@@ -7,6 +7,7 @@ Out: the field of a dataclass.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 MISSING = dataclasses.MISSING
@@ -36,6 +37,12 @@ class Parameter:
     one_for_all: bool = False  # a list that may be written as the one number in it
     infinite: bool = False
     doc: str = ""
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the reference setting is exact: 0 or no limit, as knobs say that leave nothing out."""
+        last = self.settings[-1] if self.settings else None
+        return isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last))
 
     def range_text(self) -> str:
         """The allowed range in words, '' when everything is."""

@@ -162,17 +162,20 @@ def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
 @per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
-    if kind.run is None:
-        return ()
+    return () if kind.run is None else names_asked(kind, "run")
+
+
+def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
+    """The names that a method asks for, of those that ``run`` may be given."""
     names = []
-    for parameter in list(inspect.signature(kind.run).parameters.values())[1:]:
+    for parameter in list(inspect.signature(getattr(kind, method)).parameters.values())[1:]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-            raise TypeError(f"{kind.__name__}.run takes *{parameter.name}; name every input")
+            raise TypeError(f"{kind.__name__}.{method} takes *{parameter.name}; name every input")
         names.append(parameter.name)
     allowed = set(kind.reads) | COORDINATES | SPECIAL
     unknown = [name for name in names if name not in allowed]
     if unknown:
-        raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)}, which it does not read")
+        raise TypeError(f"{kind.__name__}.{method} asks for {', '.join(unknown)}, which it does not read")
     return tuple(names)
 
 

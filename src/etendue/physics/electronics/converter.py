@@ -57,6 +57,40 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     return codes.astype(np.uint16 if bits <= 16 else np.uint32)
 
 
+def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float, bits: int) -> NDArray:
+    """What a linear converter gives before it rounds: pedestal, both ends clipped.
+
+    Parameters
+    ----------
+    charge : (...) array, electrons
+    gain_dn_per_electron : float, DN/electron
+        Above 0.
+    black_level : float, DN
+        From 0 to below the top code.
+    bits : int
+        1 to 32.
+
+    Returns
+    -------
+    (...) array, DN
+        Floats of the precision of ``charge``, 0 to 2**bits - 1.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside the range named above.
+
+    Notes
+    -----
+    Source: K e + offset, clipped. Within half a code of ``digitise``, and its mean over a charge that is spread over many codes.
+    """
+    charge = np.asarray(charge)
+    top = _top_code(bits, black_level)
+    gain = float(gain_dn_per_electron)
+    require.allowed(0 < gain < np.inf, "gain_dn_per_electron", gain, "finite numbers above 0")
+    return np.clip(charge * gain + float(black_level), 0, top)
+
+
 def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np.float32, white: float | None = None) -> NDArray:
     """Raw codes as a fraction of the range above black; 1 is clipping, negative values are kept.
 

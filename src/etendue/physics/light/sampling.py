@@ -74,7 +74,7 @@ def kept_terms(size: int, share: float) -> int:
 
 
 def low_terms(half_spectrum: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
-    """The terms of a half spectrum from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); itself where all are asked."""
+    """Of a half spectrum the terms from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); or all of it."""
     rows, columns = shape
     if half_spectrum.shape[-2:] == shape:
         return half_spectrum

@@ -71,7 +71,7 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
     ring = rings_of(np.hypot(rows, columns), edges).ravel()
     amplitude = np.bincount(ring, (half * twice).ravel(), edges.size - 1)
     power = np.bincount(ring, (half.astype(float) ** 2 * twice).ravel(), edges.size - 1)
-    return power * (total_y * total_x / (ny * nx)), amplitude
+    return np.asarray(power * (total_y * total_x / (ny * nx)), dtype=float), np.asarray(amplitude, dtype=float)
 
 
 def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:

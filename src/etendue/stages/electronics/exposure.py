@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Noisy, ends, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Noisy, Sampled, ends, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range, noise
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exposure(Noisy):
+class Exposure(Sampled, Noisy):
     """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
 
     role: ClassVar = "exposure"
@@ -60,6 +60,12 @@ class Exposure(Noisy):
         signal += dark
         return {"expected_charge": signal}
 
+    def mean(self, photocurrent: Any) -> dict[str, Any]:
+        """Over many sensors."""
+        kind = photocurrent.dtype.type
+        dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
+        return {"expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)}
+
     def carry(self, facts: Any, grid: Any) -> Facts:
         high = facts["photocurrent"].high
         if high is None or self.prnu > 0 or self.dark_nonuniformity > 0:
@@ -69,7 +75,7 @@ class Exposure(Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShotNoise(Noisy):
+class ShotNoise(Sampled, Noisy):
     """Photons arrive one by one: Poisson about the expected charge."""
 
     role: ClassVar = "shot noise"
@@ -103,6 +109,9 @@ class ShotNoise(Noisy):
         if self.common_draws:
             return {"charge": noise.poisson_by_inversion(expected_charge, rng.random(expected_charge.shape), self.exact_below)}
         return {"charge": noise.poisson(expected_charge, rng, self.exact_below)}
+
+    def mean(self, expected_charge: Any) -> dict[str, Any]:
+        return {"charge": expected_charge}
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         """The expected value stays as it is."""

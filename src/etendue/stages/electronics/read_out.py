@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Noisy, Scaled, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Noisy, Sampled, Scaled, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier, Bounded, Noisy):
+class ReadNoise(Amplifier, Bounded, Sampled, Noisy):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
@@ -62,6 +62,9 @@ class ReadNoise(Amplifier, Bounded, Noisy):
             charge = charge + offset if offset.shape != charge.shape else np.add(charge, offset, out=offset)
         return {"charge": charge}
 
+    def mean(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge}
+
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         quiet = self.read_noise == 0 and self.read_noise_after == 0 and self.dsnu == 0
         return (0.0, "there is no read noise and no offset pattern") if quiet else None
@@ -71,7 +74,7 @@ class ReadNoise(Amplifier, Bounded, Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinePattern(Bounded, Noisy):
+class LinePattern(Bounded, Sampled, Noisy):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"
@@ -112,6 +115,9 @@ class LinePattern(Bounded, Noisy):
             offset = offset + kind(self.column_noise) * rng.standard_normal((*leading, 1, columns), dtype=charge.dtype)
         return {"charge": charge + offset}
 
+    def mean(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge}
+
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         quiet = self.row_pattern == self.column_pattern == self.row_noise == self.column_noise == 0
         return (0.0, "there is no pattern of rows or columns") if quiet else None
@@ -122,7 +128,7 @@ class LinePattern(Bounded, Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Adc(GainChain, Noisy):
+class Adc(GainChain, Sampled, Noisy):
     """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well is full."""
 
     role: ClassVar = "converter"
@@ -144,6 +150,9 @@ class Adc(GainChain, Noisy):
 
     def run(self, charge: Any) -> dict[str, Any]:
         return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}
+
+    def mean(self, charge: Any) -> dict[str, Any]:
+        return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
 
     def warn(self, facts: Facts, grid: Any) -> list[str]:
         sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))

@@ -11,13 +11,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, measured, param, proved, quantity
+from etendue.api import Sampled, measured, param, proved, quantity
 from etendue.physics.electronics import amplifier
 from etendue.physics.sensor import defects
 
 
 @dataclass(frozen=True, kw_only=True)
-class Defects(Stage):
+class Defects(Sampled):
     """Hot pixels have a dark current of their own, exponentially distributed and growing with temperature; dead ones see no light.
 
     In front of the exposure, so that a hot pixel grows with the time, has shot noise and saturates. A list of pixels
@@ -54,9 +54,19 @@ class Defects(Stage):
         light = np.where(found == defects.DEAD, photocurrent.dtype.type(0), photocurrent)
         return {"photocurrent": np.where(found == defects.HOT, light + rates, light), "defect_map": found.astype(np.uint8)}
 
+    def mean(self, photocurrent: Any, prepared: Any) -> dict[str, Any]:
+        """Over many sensors: defects that are drawn are spread over all pixels, and the map holds those that are listed."""
+        kind = photocurrent.dtype.type
+        warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
+        rate = kind(self.hot_rate * warm)
+        anywhere = photocurrent * kind(1 - self.dead) + kind(self.hot) * rate
+        light = np.where(prepared == defects.DEAD, kind(0), np.where(prepared == defects.HOT, photocurrent + rate, anywhere))
+        listed = np.isin(prepared, (defects.HOT, defects.DEAD))
+        return {"photocurrent": light, "defect_map": np.where(listed, prepared, 0).astype(np.uint8)}
+
 
 @dataclass(frozen=True, kw_only=True)
-class StuckPixels(Stage):
+class StuckPixels(Sampled):
     """Pixels that give one code, whatever the light, the time and the noise: each its own, or all the same."""
 
     role: ClassVar = "stuck pixels"
@@ -83,3 +93,10 @@ class StuckPixels(Stage):
         share = rng_sensor.uniform("level") if self.level < 0 else np.full(found.shape, self.level)
         codes = np.floor(share * (2**self.bits - 1) + 0.5).astype(raw.dtype)
         return {"raw": np.where(found == defects.STUCK, codes, raw), "stuck_map": found.astype(np.uint8)}
+
+    def mean(self, raw: Any, prepared: Any) -> dict[str, Any]:
+        """Over many sensors: those that are drawn are spread over all pixels, and the map holds those that are listed."""
+        level = (0.5 if self.level < 0 else self.level) * (2**self.bits - 1)
+        stuck = prepared == defects.STUCK
+        anywhere = raw * raw.dtype.type(1 - self.stuck) + raw.dtype.type(self.stuck * level)
+        return {"raw": np.where(stuck, raw.dtype.type(level), anywhere), "stuck_map": np.where(stuck, prepared, 0).astype(np.uint8)}

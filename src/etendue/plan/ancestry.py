@@ -1,0 +1,48 @@
+"""What some cells need, and nothing else: for runs that want a few cells of a plan.
+
+In:  a plan and cells of it.
+Out: these cells and all that they depend on, at any distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from etendue.plan.model import CellRef, Node, Plan
+
+
+def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
+    """The cells and every cell whose result they need."""
+    nodes = {node.name: node for node in plan.nodes}
+    found: set[CellRef] = set()
+    open_ = list(refs)
+    while open_:
+        ref = open_.pop()
+        if ref not in found:
+            found.add(ref)
+            open_ += _needed_by(plan, nodes, ref)
+    return found
+
+
+def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef]:
+    """What a cell reads, waits for and looks at; of transfer functions it looks at the stages, and needs what these wait for."""
+    cell = plan.cells[ref]
+    refs = [source for _, source, _ in cell.inputs] + [word.ref for word in cell.open_words]
+    what_of = {port: what for port, what, _ in nodes[ref[0]].looks_at}
+    for port, seen in cell.looks_at:
+        if what_of[port] == "transfer":
+            refs += [finder for other in seen for _, finder, _ in plan.cells[other].found]
+        else:
+            refs += seen
+    return refs
+
+
+def behind(plan: Plan, names: Iterable[str]) -> set[str]:
+    """The names of some nodes and of all nodes that depend on what they write."""
+    found = set(names)
+    for node in plan.nodes:
+        read = {source for bound in node.inputs for _, source, _ in bound}
+        seen = {name for _, what, own in node.looks_at if what != "transfer" for name in own}
+        if (read | seen) & found:
+            found.add(node.name)
+    return found
