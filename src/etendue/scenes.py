@@ -7,12 +7,14 @@ Out: a ``Spectrum``, every figure rounded up to three digits.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from etendue.coordinates import coordinates_of
+from etendue.errors import EtendueError
 from etendue.physics.light import scene_spectrum
 from etendue.spec.capabilities import Banded, Source
 from etendue.spec.facts import Spectrum
@@ -30,7 +32,17 @@ def light_of(source: type[Source]) -> str | None:
 
 
 def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
-    """Of the light of a scene; None where that is no samples of band-limited light, or the scene draws random numbers."""
+    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, and where
+    it cannot be made: the run says why."""
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return _looked_at(source, grids)
+    except (EtendueError, ValueError, OSError, MemoryError, FloatingPointError):
+        return None
+
+
+def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
     variable = light_of(type(source))
     if variable is None or {"rng", "rng_sensor"} & set(arguments_of(type(source))):
         return None
@@ -41,6 +53,8 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
     edges = scene_spectrum.ring_edges(y.size, x.size, y.step, x.step)
     rows: list[Any] = []
     for planes in _planes(source, grids, variable):
+        if not isinstance(planes, np.ndarray) or planes.dtype.kind != "f" or planes.shape[1:] != (y.size, x.size):
+            return None
         for plane in planes:
             low, high, mean = float(plane.min()), float(plane.max()), float(plane.mean(dtype=np.float64))
             if not math.isfinite(low + high):
@@ -71,7 +85,7 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
         def made(part: Any) -> Any:
             names = arguments_of(type(source))
             asked = {"asked": frozenset[str]()} | given | ({"prepared": part} if part is not None else {})
-            return own.run(**{name: asked[name] for name in names})[variable]
+            return own.run(**{name: asked[name] for name in names}).get(variable)
 
         if not isinstance(source, Banded) or count * size <= AT_ONCE:
             yield made(prepared)

@@ -14,13 +14,23 @@ from etendue.cli.options import JSON, SCHEDULER, WORKERS, Given, pipeline_option
 from etendue.cli.saying import command, say, show, tell
 
 
-def _plan(given: Given, quiet: bool) -> Any:
-    from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
-
+def _pipeline(given: Given) -> Any:
     pipeline = given.pipeline()
     if given.want and pipeline.keep is not None and pipeline.wanted is not None:  # what is asked for now is kept, whatever the file keeps
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
+    if not given.nothing_left_out:
+        return pipeline
+    from etendue.registry import installed_stages
+    from etendue.studies.reference import reference_of
+
+    return reference_of(pipeline, installed_stages()).pipeline
+
+
+def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
+    from etendue.plan.planner import make_plan
+    from etendue.registry import installed_stages
+
+    pipeline = pipeline or _pipeline(given)
     if quiet or not sys.stderr.isatty():
         return make_plan(pipeline, installed_stages(), not given.nothing_left_out)
     from etendue.report.terminal import planning
@@ -60,9 +70,16 @@ def plan(given: Given, as_json: bool) -> None:
 )
 @click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
 @click.option("--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference.")
+@click.option(
+    "--hold",
+    type=click.FloatRange(0, 1, min_open=True),
+    metavar="E",
+    help="Find the loosest tolerance with which what is wanted stays within E of the reference, and run with it.",
+)
 @click.option("--quiet", is_flag=True, help="No progress.")
 def run(
-    given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, measure: bool, quiet: bool, **how: Any
+    given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, measure: bool, hold: float | None,
+    quiet: bool, **how: Any,
 ) -> None:  # fmt: skip
     """Run a pipeline: compute what is not there yet, keep it, show it.
 
@@ -72,20 +89,30 @@ def run(
     """
     interrupts.say(interrupts.INTACT)
     here = Path.cwd()  # a plugin may change it
-    made = _plan(given, quiet or as_json)
+    if hold is not None and (given.tolerance is not None or given.nothing_left_out):
+        raise click.UsageError("--hold finds the tolerance: leave out --tolerance and --nothing-left-out")
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.session import Options, check_scheduler, check_timeout, execute
 
     options = Options(check_scheduler(scheduler), workers or 0, **how)
     check_timeout(options)
-    folder = here / (archive or made.pipeline.name)
+    pipeline = _pipeline(given)
+    folder = here / (archive or pipeline.name)
+    held = _held(pipeline, hold, folder, options, quiet) if hold is not None else None
+    made = _plan(given, quiet or as_json, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
     if not as_json:
         from etendue.telling import printable
 
         for text in made.warnings:
             click.echo(f"note: {printable(text)}", err=True)
     outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
-    measured = _measured(made, folder, options, quiet) if measure else None
+    measured = _measured(made, folder, options, quiet) if measure and not held else None
+    if held:
+        from etendue.report.global_error import held_document
+        from etendue.studies import holding
+
+        holding.keep(held, folder)
+        measured = held_document(held)
     if as_json:
         say({**outcome_document(outcome), **(measured or {})})
     else:
@@ -97,6 +124,19 @@ def run(
     sys.exit(3 if outcome.failed else 0)
 
 
+def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) -> Any:
+    """The tolerance that holds an error; said in front of the run."""
+    from etendue.registry import installed_stages
+    from etendue.report.global_error import say_held
+    from etendue.report.terminal import TerminalProgress
+    from etendue.studies.holding import hold
+
+    found = hold(pipeline, installed_stages(), asked, options=options, progress=None if quiet else TerminalProgress, archive=folder)
+    for text in say_held(found):
+        click.echo(text, err=True)
+    return found
+
+
 def _measured(made: Any, folder: Path, options: Any, quiet: bool) -> dict[str, Any]:
     """The global errors of a run, as in ``--json``."""
     from etendue.registry import installed_stages
@@ -104,7 +144,7 @@ def _measured(made: Any, folder: Path, options: Any, quiet: bool) -> dict[str, A
     from etendue.report.terminal import TerminalProgress
     from etendue.studies.measuring import measure
 
-    pipeline = replace(made.pipeline, leave_out=made.leaves_out)
+    pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
     found = measure(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress, archive=folder)
     return global_error_document(found, pipeline.tolerance)
 

@@ -14,17 +14,45 @@ from etendue.report.terminal import _out, _table, escape, human_seconds, short_a
 SHOWN = 10  # rows; what is smaller is told in one line
 
 
-def global_error_document(found: Any, tolerance: float) -> dict[str, Any]:
+def global_error_document(found: Any, tolerance: float, norm: str = "rms") -> dict[str, Any]:
     """``global_error`` by variable, and how it was measured."""
     errors = {}
     for name, error in found.errors.items():
-        errors[name] = {"rms": error.rms, "max": error.max, "how": error.how, "held": error.held(tolerance), "at": dict(error.at)}
+        errors[name] = {"rms": error.rms, "max": error.max, "how": error.how, "held": error.held(tolerance, norm), "at": dict(error.at)}
         if error.linear is not None:
             errors[name]["linear"] = {"rms": error.linear[0], "max": error.linear[1]}
         if error.why:
             errors[name]["why"] = error.why
     told = {"cells": found.cells, "seconds": found.seconds, "remembered": found.remembered, "tolerance": tolerance}
     return {"global_error": errors, "measured": told}
+
+
+def held_document(held: Any) -> dict[str, Any]:
+    """What ``--hold`` found beside the errors that it measured."""
+    document = global_error_document(held.measured, held.asked, held.norm)
+    document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
+    return {**document, "hold": held.document()}
+
+
+def say_held(held: Any) -> list[str]:
+    """In front of a run: the tolerance that was found, and what cannot be held."""
+    when = "found by an earlier run" if held.remembered else f"measured in {human_seconds(held.seconds)} of thread time"
+    said = [f"hold {held.asked:g}: local tolerance {held.tolerance:g}, {when}"]
+    return said + _not_held(held.document(), held.measured.errors)
+
+
+def _not_held(hold: dict[str, Any], errors: Any) -> list[str]:
+    """Which variables are not held, by how much, and what is to blame."""
+    said = []
+    for name in hold["missed"][:SHOWN]:
+        own = errors[name] if isinstance(errors[name], dict) else vars(errors[name])
+        value = own["rms" if hold["norm"] == "rms" else "max"]
+        far = f"{value:.2g}, {value / hold['asked']:.2g} times as far" if value is not None and value > hold["asked"] else own["how"]
+        said.append(f"not held: {name}, {far}{': ' + own['why'] if own.get('why') else ''}")
+    if hold["missed"] and hold["blame"]:
+        blame = ", ".join(f"{name} ({fall:.2g})" for name, fall in hold["blame"].items())
+        said.append(f"to blame: {blame}")
+    return said
 
 
 def print_global_error(document: dict[str, Any]) -> None:
@@ -53,7 +81,13 @@ def print_global_error(document: dict[str, Any]) -> None:
         out.print(f"unknown: {escape(why)}", soft_wrap=True)
     cells = "1 point" if told["cells"] == 1 else f"{told['cells']} points"
     missed = sum(error["held"] is False for _, error in errors)
-    if missed:
+    if "hold" in document:
+        hold = document["hold"]
+        for text in _not_held(hold, document["global_error"]):
+            out.print(escape(text), soft_wrap=True)
+        if hold["held"]:
+            out.print(f"held: everything wanted is within {hold['asked']:g} of the reference, with local tolerance {hold['tolerance']:g}")
+    elif missed:
         out.print(f"not held: {missed} of {len(errors)} variables are further from the reference than the tolerance")
     when = ", as an earlier run measured it" if told["remembered"] else ""
     out.print(f"measured at {cells} of the sweep in {human_seconds(told['seconds'])} of thread time{when}")

@@ -28,7 +28,7 @@ from etendue.transfers import weights as weights_of
 
 TOGETHER = 4  # bands projected in one product
 LARGEST_SHARED = 64 << 20  # bytes of the spectra of all channels, up to which they are kept for other pixels
-DIGITS = 12  # of a channel's weights: those of pixels of another size differ in the last bits
+DIGITS = 14  # of a channel's weights: those of pixels of another size differ in the last bits
 
 
 @dataclass(eq=False)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 
@@ -38,15 +39,31 @@ class Spectrum:
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
 
-    def scaled(self, factor: float) -> Spectrum:
-        """Light so many times as strong."""
-        return replace(self, full=self.full * factor)
+    def scaled(self, low: float, high: float) -> Spectrum:
+        """Light times a factor that lies between two, from 0, and changes slowly over the frame: what it makes of even light is coarse."""
+        if low == high or high <= 0:
+            return replace(self, full=self.full * high, **({} if high > 0 else self._nothing()))
+        half = 0.5 * (1 - low / high)
+        ring = min(2, len(self.edges) - 2)
+        power, amplitude = [list(row) for row in self.power], [list(row) for row in self.amplitude]
+        for band, mean in enumerate(self.mean):
+            power[band][ring] += half * half * (mean * mean + sum(self.power[band]))
+            amplitude[band][ring] += half * (abs(mean) + sum(self.amplitude[band]))
+        darkest = tuple(v * low / high for v in self.low)
+        return replace(
+            self, full=self.full * high, power=tuple(map(tuple, power)), amplitude=tuple(map(tuple, amplitude)), low=darkest
+        )  # fmt: skip
+
+    def _nothing(self) -> dict[str, Any]:
+        """Of light that is not there."""
+        none, rings = (0.0,) * len(self.mean), tuple((0.0,) * len(row) for row in self.power)
+        return {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}
 
     def weighed(self, factors: tuple[float, ...]) -> Spectrum:
         """Every band times its own factor (from 0)."""
         largest = max(f * h for f, h in zip(factors, self.high, strict=True))
         if largest <= 0:
-            return replace(self, full=0.0)
+            return replace(self, full=0.0, **self._nothing())
         own = [f / largest for f in factors]
         rings = [tuple(tuple(f**n * v for v in row) for f, row in zip(own, rows, strict=True)) for n, rows in self._rows()]
         low, mean, high = (tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high))
@@ -124,7 +141,7 @@ class Facts:
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
-            spectrum=None if self.spectrum is None else self.spectrum.scaled(high),
+            spectrum=None if self.spectrum is None else self.spectrum.scaled(low, high),
         )
 
 

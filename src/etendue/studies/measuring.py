@@ -53,11 +53,14 @@ class GlobalError:
     at: Mapping[str, Any] = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
+    doubt: float = 0.0  # so much the reference itself may be wrong by
 
     def held(self, tolerance: float, norm: str = "rms") -> bool | None:
-        """Whether it is within a tolerance; None where that is not known."""
+        """Whether it is within a tolerance; None where that is not known, or the reference is in doubt by as much."""
         value = self.rms if norm == "rms" else self.max
-        return None if value is None else value <= tolerance
+        if value is None or (value <= tolerance and self.doubt > tolerance):
+            return None
+        return value <= tolerance
 
 
 @dataclass(frozen=True)
@@ -225,7 +228,7 @@ class Measurement:
         how = "measured" if doubt <= 0.1 * max(plan.pipeline.tolerance, rms or 0.0) else f"unknown below {doubt:.1g}"
         linear = in_front(plan, worst[1], name)
         beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
-        return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None)
+        return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, doubt=doubt)
 
     def blame(self, decisions: Iterable[tuple[str, str]]) -> dict[tuple[str, str], Measured]:
         """The errors with one decision undone at a time: (stage, ``left out``), (stage, a knob's name), or ('', ``precision``)."""

@@ -186,7 +186,7 @@ class Pixel(Collecting, Summed):
         """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0 where nothing is seen."""
         weights = electrons_per_irradiance(self, edges)
         sums = weights.sum(axis=1, keepdims=True)
-        shares = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0).round(12)
+        shares = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0).round(14)
         return tuple(tuple(map(float, row)) for row in shares)
 
     def terms(self) -> int:
