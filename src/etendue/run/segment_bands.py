@@ -203,6 +203,8 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     """Every band its own transform and transfer function; the sum is taken in frequency."""
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
+        if band + 1 < len(weights[0]) and not weights[:, band].any():
+            continue  # nothing sees it
         half = np.array(sampling.low_terms(sampling.spectrum(np.asarray(plane)), joined.shape))
         joined.apply(half, band)
         if sums is None:

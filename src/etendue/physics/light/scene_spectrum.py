@@ -94,6 +94,11 @@ def largest_in_rings(values: FloatArray) -> FloatArray:
     return np.maximum(np.maximum(values[..., :-2:2], values[..., 2::2]), values[..., 1::2])
 
 
+def moved(distance: float, edges: FloatArray) -> FloatArray:
+    """(ring,): the largest |1 - exp(2 pi i f d)| of light that is moved by no more than a distance, um."""
+    return np.asarray(2 * np.sin(np.pi * np.minimum(edges[1:] * abs(distance), 0.5)))
+
+
 def rms_of(factors: FloatArray, power: FloatArray) -> float:
     """Root mean square over frame and bands of what is left of light times these factors: (band or 1, ring), (band, ring)."""
     return float(np.sqrt((np.asarray(factors) ** 2 * power).sum() / power.shape[0]))

@@ -67,11 +67,14 @@ class Exposure(Sampled, Noisy):
         return {"expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)}
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        high = facts["photocurrent"].high
-        if high is None or self.prnu > 0 or self.dark_nonuniformity > 0:
+        """Between the darkest and the brightest light, each by a pattern of six sigma: one pixel in 1e9 lies beyond."""
+        light = facts["photocurrent"]
+        if light.low is None or light.high is None:
             return Facts()
         shortest, longest = ends(self.integration_time)
-        return Facts(low=float(self.dark_charge(shortest)), high=high * longest + float(self.dark_charge(longest)))
+        sight, dark = 6 * self.prnu, 6 * self.dark_nonuniformity
+        low = max(light.low, 0.0) * shortest * max(1 - sight, 0.0) + float(self.dark_charge(shortest)) * max(1 - dark, 0.0)
+        return Facts(low=low, high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ import numpy as np
 from etendue.api import Banded, Bounded, Facts, Grid, Line, param
 from etendue.physics.field import blur, warp
 from etendue.physics.field.psf_bank import PsfBank
+from etendue.physics.light import scene_spectrum
 from etendue.spec.stage import file_state
 
 
@@ -199,7 +200,15 @@ class Distortion(Banded, Bounded):
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.does_nothing():
             return 0.0, "it moves nothing"
-        return (0.0, "the scene is uniform: moving it changes nothing") if facts.uniform else None
+        if facts.uniform:
+            return 0.0, "the scene is uniform: moving it changes nothing"
+        if facts.spectrum is None:
+            return None
+        radius, lens = np.linspace(0.0, _corner(grid), 65), self.map()
+        farthest = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
+        spectrum = facts.spectrum
+        lost = scene_spectrum.rms_of(scene_spectrum.moved(farthest, np.array(spectrum.edges)), np.array(spectrum.power))
+        return lost, f"it moves light by {farthest:.2g} um at most, and the scene holds little that is as fine"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         """A uniform plane stays as it is; a spline may leave the range of another a little."""

@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import numpy as np
+
 from etendue import spectra
 from etendue.api import Banded, Bounded, Facts, Grid, param, proved, quantity
 from etendue.physics.light import radiometry
@@ -99,6 +101,11 @@ class OpticalFilter(Banded, Bounded):
             return transmission
         return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
 
+    def passed(self, grid: Grid) -> Any:
+        """(wavelength,): transmission in the bands of a grid."""
+        bands = grid.bands()
+        return np.asarray(self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())}))
+
     def by_band(self, prepared: Any, bands: slice) -> Any:
         return prepared[bands]
 
@@ -109,7 +116,12 @@ class OpticalFilter(Banded, Bounded):
         }
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
-        return (0.0, "it lets everything through") if not self.table and math.isinf(self.cut_off) else None
+        """What it takes from the bands that the light has; of unknown light, from all."""
+        if not self.table and math.isinf(self.cut_off):
+            return 0.0, "it lets everything through"
+        taken = 1.0 - self.passed(grid)
+        light = np.array(facts.spectrum.high) if facts.spectrum is not None else np.ones(taken.size)
+        return float(np.abs(taken * light).max()), "it lets through nearly all of the light that there is"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.table:
@@ -119,4 +131,9 @@ class OpticalFilter(Banded, Bounded):
         return spectra.cut_off_note(self.table, names[:1], rows, values[:, :1], edges[0], edges[-1])
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        return replace(facts["irradiance"], low=None, high=None)
+        light = facts["irradiance"]
+        if light.spectrum is None:
+            return replace(light, low=None, high=None)
+        spectrum = light.spectrum.weighed(tuple(map(float, self.passed(grid["irradiance"]))))
+        low, high = spectrum.range_of_light()
+        return replace(light, spectrum=spectrum, low=low, high=high)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Grid, Stage, proved, quantity
+from etendue.api import Facts, Grid, Stage, proved, quantity
 from etendue.physics.sensor import cfa
 from etendue.stages.sensor.masks import first_pixel, mask_of
 
@@ -39,6 +39,10 @@ class Mosaic(Stage):
                 f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate has {', '.join(map(str, found))}"
             )
         return {"photocurrent": planes.take(("y", "x"))}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """Values of one plane or another: in the range of them all."""
+        return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
 
     def run(self, photon_rate: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}
