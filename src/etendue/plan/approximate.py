@@ -14,6 +14,29 @@ from etendue.errors import PluginError
 from etendue.plan.model import Approximated
 from etendue.spec.stage import Stage, parameters_of
 
+
+class Seen(dict[str, Any]):
+    """Facts by port that know whether anybody has looked at them: an answer without a look holds whatever they are."""
+
+    looked = False
+
+    def __getitem__(self, port: str) -> Any:
+        self.looked = True
+        return super().__getitem__(port)
+
+    def get(self, port: str, default: Any = None) -> Any:
+        self.looked = True
+        return super().get(port, default)
+
+    def items(self) -> Any:
+        self.looked = True
+        return super().items()
+
+    def values(self) -> Any:
+        self.looked = True
+        return super().values()
+
+
 Asked = Callable[[Stage], tuple[float | None, str]]
 
 
@@ -30,7 +53,8 @@ def choose(stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked)
     """A stage with its open knobs set, one after the other, and what was chosen where that is not the reference.
 
     Of each knob the first setting from the cheap end whose error is within the tolerance, or no larger than that of the reference
-    setting: then nothing is gained by a finer one. Where a stage does not know its error the knob stays as it is.
+    setting: then nothing is gained by a finer one. Where a stage does not know its error the knob stays as it is; so it is set finer
+    than a setting that the stage refuses.
     """
     chosen: list[Approximated] = []
     for name in knobs:
@@ -39,16 +63,19 @@ def choose(stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked)
         finest = None if reference is None else asked(reference)[0]
         if reference is None or finest is None:
             continue
-        for value in settings:
-            candidate = reference if value == settings[-1] else _with(stage, name, value)
-            if candidate is None:
-                continue
-            bound = finest if candidate is reference else asked(candidate)[0]
-            if bound is not None and bound <= max(tolerance, finest):
-                stage = candidate
-                if candidate is not reference:
-                    chosen.append(Approximated(name, value, settings[-1], max(bound - finest, 0.0)))
-                break
+        most, low, high = max(tolerance, finest), 0, len(settings) - 1
+        found, bound = reference, finest
+        while low < high:  # the first setting that fits: along the ladder no stated error grows
+            middle = (low + high) // 2
+            candidate = _with(stage, name, settings[middle])
+            own = None if candidate is None else asked(candidate)[0]
+            if candidate is None or own is None or own > most:
+                low = middle + 1
+            else:
+                high, found, bound = middle, candidate, own
+        stage = found
+        if high < len(settings) - 1:
+            chosen.append(Approximated(name, settings[high], settings[-1], max(bound - finest, 0.0)))
     return stage, tuple(chosen)
 
 

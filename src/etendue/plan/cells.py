@@ -16,7 +16,7 @@ from typing import Any
 from etendue import effects
 from etendue.errors import Fault, PluginError, RequestError
 from etendue.plan import asking, leave_out, scenes, words
-from etendue.plan.approximate import choose, open_knobs
+from etendue.plan.approximate import Seen, choose, open_knobs
 from etendue.plan.graph import Graph
 from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
 from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
@@ -294,13 +294,17 @@ class _Expansion:
         self, node: Node, number: int, stage: Stage, inputs: Any, facts: Any, grids: Any
     ) -> tuple[Stage, tuple[Approximated, ...]]:
         """A stage with its open knobs set, found once for cells of equal stage and equal facts."""
-        before = self.before(node, inputs)
-        key = (stage, tuple(before), tuple(facts.items()), tuple(grids.items()))
-        known = self.chosen.get(key)
+        place = (stage, self.before(node, inputs), tuple(grids.items()))
+        known = self.chosen.get(place)
         if known is None:
+            key = (*place, tuple(facts.items()))
+            known = self.chosen.get(key)
+        if known is None:
+            seen = Seen(facts)
             knobs = self.knobs[node.name, number]
-            known = choose(stage, knobs, self.choice.tolerance, lambda one: self.error(node, one, inputs, facts, grids))
-            self.chosen[key] = known = (self.chosen.setdefault(known[0], known[0]), known[1])
+            known = choose(stage, knobs, self.choice.tolerance, lambda one: self.error(node, one, inputs, seen, grids))
+            known = (self.chosen.setdefault(known[0], known[0]), known[1])  # one stage for cells of equal choice
+            self.chosen[key if seen.looked else place] = known
         return known
 
     def behind(self, stage: Stage, facts_in: Mapping[str, Facts], grids_in: Mapping[str, Grid], own: Facts) -> Facts:

@@ -51,7 +51,7 @@ def decide(
     if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.spectrum is not None and "wavelength" in grid:
         found = _less(found, _of_the_spectrum(rule, stage, own, grid))
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
-        found = _of_the_noise(stage, own, noises)
+        found = _of_the_noise(stage, own, noises, rule.tolerance)
     return found if found is not None and (found.bound == 0 or found.bound <= rule.tolerance) else None
 
 
@@ -81,7 +81,7 @@ def _of_the_spectrum(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> L
     return LeftOut(bound, "the scene holds so little detail that is fine enough for it")
 
 
-def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None]) -> LeftOut | None:
+def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] | None], most: float) -> LeftOut | None:
     """The largest share of all variance that one source brings, between the darkest and the brightest pixel."""
     if facts.low is None or facts.high is None:
         return None
@@ -94,4 +94,6 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
         level = low + (high - low) * (step / (LEVELS - 1)) ** 2
         total = math.fsum(max(one.variance(level), 0.0) for one in every)
         share = max(share, stage.variance(level) / total if total > 0 else 1.0)
+        if share > most:
+            return None
     return LeftOut(share, "of the variance of any pixel it brings no more than this")

@@ -17,14 +17,17 @@ from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, T
 from etendue.physics.light.sampling import on_unique_rows
 from etendue.physics.sensor import photodiode, silicon
 from etendue.spec.roles import CROSSTALK
+from etendue.spec.stage import state_of
 from etendue.stages.sensor import missing
 from etendue.stages.sensor.sensitivity import (
     FLAT,
+    SEEN_BY,
     Collecting,
     collection_at_zero,
     cut_off_notes,
     electrons_per_irradiance,
     quantum_efficiency,
+    shares,
     unused_notes,
 )
 
@@ -184,10 +187,7 @@ class Pixel(Collecting, Summed):
 
     def normalised(self, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
         """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0 where nothing is seen."""
-        weights = electrons_per_irradiance(self, edges)
-        sums = weights.sum(axis=1, keepdims=True)
-        shares = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0).round(14)
-        return tuple(tuple(map(float, row)) for row in shares)
+        return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
 
     def terms(self) -> int:
         return self.wavelength_terms

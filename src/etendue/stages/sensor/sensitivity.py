@@ -6,7 +6,8 @@ Out: electrons per photon and per irradiance, (channel, wavelength), in the orde
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -191,3 +192,21 @@ def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
     centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
     area = (stage.pixel_pitch * stage.aperture_fraction * 1e-6) ** 2 * stage.microlens_gain
     return quantum_efficiency(stage, edges) * (widths * photons_from_energy(1.0, centres * 1e-3) * area)
+
+
+SEEN_BY = tuple(field.name for field in fields(Sensitive))  # what the colours of a sensor follow from, whatever the size of its pixels
+
+
+@lru_cache(64)
+def shares(seen_by: tuple[Any, ...], files: Any, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+    """(channel, wavelength): electrons per irradiance of a sensor, with a sum of 1 for each channel; 0 where nothing is seen.
+
+    ``seen_by`` are the values of ``SEEN_BY``, ``files`` the state of the files that they name.
+    """
+    bounds = np.array(edges)
+    centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
+    weights = quantum_efficiency(Sensitive(**dict(zip(SEEN_BY, seen_by, strict=True))), edges)
+    weights = weights * (widths * photons_from_energy(1.0, centres * 1e-3))
+    sums = weights.sum(axis=1, keepdims=True)
+    found = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
+    return tuple(tuple(map(float, row)) for row in found)
