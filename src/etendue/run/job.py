@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 from etendue.plan.model import CellRef
 from etendue.plan.words import Open
@@ -92,6 +93,7 @@ class Job:
     looking: Looking | None = None
     waiting: Waiting | None = None
     mapped: Mapped | None = None
+    form: Any = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
 
     @property
     def spectrum(self) -> bool:
@@ -111,9 +113,11 @@ class Job:
             refs += [ref for _, what, pairs in self.looking.ports if what != "transfer" for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
 
-    @cached_property
+    @property
     def awaited(self) -> tuple[CellRef, ...]:
         """The cells that find something this job does not know yet."""
+        if self.waiting is None and self.segment is None and self.looking is None:
+            return ()
         every = [*(self.segment.found if self.segment else ()), *(self.looking.found if self.looking else ())]
         refs = [ref for found in every for _, ref, _ in found]
         if self.waiting:
