@@ -16,7 +16,6 @@ import numpy as np
 from etendue.run.job import Job
 from etendue.run.tables import Key, coordinates_of, key_of_prepared
 from etendue.spec.capabilities import is_transfer
-from etendue.spec.grid import Grid
 from etendue.spec.stage import SPECIAL, Stage, arguments_of, optional_ports
 from etendue.spec.variables import Declaration, variable
 
