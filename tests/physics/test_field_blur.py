@@ -5,6 +5,7 @@ import pytest
 
 from etendue.physics.field import blur
 from etendue.physics.field.convolve import hats_of
+from etendue.physics.field.expansion import expansion
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.physics.field.psf_kernels import Sampler
 
@@ -65,8 +66,7 @@ def test_full_rank_and_tiles_on_the_same_grid_are_the_same():
     planes = np.random.default_rng(0).random((2, 30, 40))
     for weights in ("source", "image"):
         tiles = blur.prepare(pictures, y, x, [0.5, 0.6], "tiles", 1e-2, count=5, weights=weights)
-        full = blur._expansion
-        terms = [full(np.tensordot(tiles.kernels, row, axes=(2, 0)), 0.0, 10**6) for row in tiles.mix]
+        terms = [expansion(np.tensordot(tiles.kernels, row, axes=(2, 0)), 0.0, 10**6) for row in tiles.mix]
         eigen = blur.Prepared(
             blur.replace(tiles.choice, method="eigen"), tiles.shape, weights, tiles.mix, tiles.kernels[:0],
             tuple(b for b, _, _ in terms), tuple(c for _, c, _ in terms),

@@ -235,6 +235,17 @@ def test_a_name_is_a_stream():
     assert not np.any(first == other)
 
 
+@pytest.mark.parametrize("used", [0, 1, 3, 4, 5])
+def test_a_renamed_generator_draws_what_a_new_one_does(used):
+    generator = noise.philox(b"seed 1")
+    generator.random(used, dtype=np.float32)  # odd numbers leave half a word behind, others a part of a block
+    again = noise.renamed(generator, b"seed 2")
+    for draw in (lambda rng: rng.random(7, dtype=np.float32), lambda rng: rng.standard_normal(9), lambda rng: rng.poisson(40.0, 11)):
+        fresh = noise.philox(b"seed 2")
+        assert_array_equal(draw(noise.renamed(again, b"seed 2")), draw(fresh))
+        assert again.bit_generator.state["buffer_pos"] == fresh.bit_generator.state["buffer_pos"]
+
+
 @given(
     top=st.integers(-200, 200),
     left=st.integers(-200, 200),

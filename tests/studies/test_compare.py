@@ -28,7 +28,8 @@ from etendue.stages.colour.tristimulus import CameraToXyz
 from etendue.studies import ranking
 from etendue.studies.axis import Asked, candidates, labels_of, parse_axis
 from etendue.studies.branches import nodes_of
-from etendue.studies.compare import Comparison, Row, compare, ranked
+from etendue.studies.compare import Comparison, compare, ranked
+from etendue.studies.compared import Row
 from etendue.studies.figures import colour_figures
 from etendue.studies.ranking import document, print_comparison
 from tests.studies import alternatives

@@ -11,7 +11,8 @@ from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec.pipeline import StageEntry, parse_pipeline
 from etendue.studies.axis import Asked
-from etendue.studies.compare import FIGURES, compare
+from etendue.studies.compare import compare
+from etendue.studies.compared import FIGURES
 from etendue.studies.noise import noise
 from etendue.studies.quality import quality
 from tests.studies import strangers

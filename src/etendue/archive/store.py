@@ -242,7 +242,7 @@ class Archive:
         for path in known or [f"{DATA}/{path}" for path in self.tree.held]:
             own = path.removeprefix(f"{DATA}/")
             if own in self.tree.held or own.split("/")[0] in TABLES:
-                data = _bytes(self.folder / path)
+                data = disk.content_of(self.folder / path)
                 if (known and hashlib.sha256(data or b"").hexdigest() != known[path]) or (
                     data is not None and own.endswith(ROOT) and disk.read_document(self.folder / path) is None
                 ):
@@ -314,7 +314,7 @@ class Archive:
     def _put(self, files: Mapping[str, bytes]) -> None:
         """Files of the store in their places, where others are there; what describes the rest of a group or array comes last."""
         for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
-            if _bytes(self.folder / DATA / path) != files[path]:
+            if disk.content_of(self.folder / DATA / path) != files[path]:
                 disk.write(self.folder, f"{DATA}/{path}", files[path], self.durable)
 
     def target(self, cell: Cell) -> CellFiles:
@@ -343,7 +343,7 @@ class Archive:
     def _frames(self) -> dict[str, bytes]:
         """The files of the pictures of an earlier run; none where they are not whole."""
         folder = f"{DATA}/{FRAMES}"
-        files = {path.removeprefix(f"{DATA}/"): _bytes(self.folder / path) or b"" for path in self.listing.below(folder)}
+        files = {path.removeprefix(f"{DATA}/"): disk.content_of(self.folder / path) or b"" for path in self.listing.below(folder)}
         return files if frames.whole(files) else {}
 
     def shown(self) -> Any:
@@ -353,7 +353,7 @@ class Archive:
     def sheet_is_whole(self) -> bool:
         """Whether the contact sheet of an earlier run is there as it was written."""
         known = self.manifest.files.get("contact_sheet.png") if self.manifest else None
-        data = _bytes(self.folder / "contact_sheet.png") or b""
+        data = disk.content_of(self.folder / "contact_sheet.png") or b""
         if known is not None:
             return hashlib.sha256(data).hexdigest() == known
         return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
@@ -380,7 +380,8 @@ class Archive:
         others: dict[str, bytes] = {}
         for folder in self.listing.folders.get(DATA, ()):
             if folder not in self.nodes and folder not in TABLES and folder not in self.ours:
-                others |= {f"{node}/{ROOT}": _bytes(self.folder / DATA / node / ROOT) or b"" for node in self._nodes_on_disk(folder)}
+                nodes = self._nodes_on_disk(folder)
+                others |= {f"{node}/{ROOT}": disk.content_of(self.folder / DATA / node / ROOT) or b"" for node in nodes}
         self.root = self.tree.consolidated(others)
         self._put({ROOT: self.root})
 
@@ -395,13 +396,4 @@ class Archive:
 
 def _is_journal(path: Path) -> bool:
     """Whether a file begins like a journal of ours."""
-    return re.match(rb'\{"event":"(axes|arrays|start|done|run)"', _bytes(path) or b"") is not None
-
-
-def _bytes(path: Path) -> bytes | None:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except IsADirectoryError:
-        raise disk.in_place_of_file(path.parent, path.name) from None
+    return re.match(rb'\{"event":"(axes|arrays|start|done|run)"', disk.content_of(path) or b"") is not None

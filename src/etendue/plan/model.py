@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from etendue.spec.capabilities import Probe, ends_in_sum, is_random, is_source, is_transfer
@@ -197,10 +198,7 @@ class Plan:
     expected: bool = False  # means in the place of draws and rounding: integer variables are floats, nothing is stored
 
     def node(self, name: str) -> Node:
-        for node in self.nodes:
-            if node.name == name:
-                return node
-        raise KeyError(name)
+        return self._named[name]
 
     def axis(self, dim: str) -> Axis:
         for axis in self.axes:
@@ -210,7 +208,18 @@ class Plan:
 
     def of(self, name: str) -> list[Cell]:
         """The cells of a node, in order."""
-        return [cell for cell in self.cells.values() if cell.node == name]
+        return list(self._grouped.get(name, ()))
+
+    @cached_property
+    def _named(self) -> Mapping[str, Node]:
+        return {node.name: node for node in self.nodes}
+
+    @cached_property
+    def _grouped(self) -> Mapping[str, Sequence[Cell]]:
+        found: dict[str, list[Cell]] = {}
+        for cell in self.cells.values():
+            found.setdefault(cell.node, []).append(cell)
+        return found
 
     def origin(self, ref: CellRef) -> str:
         """The stage behind a cell and the distribution it is of: ``demosaic_malvar of etendue-demosaic-malvar 0.1.0``."""

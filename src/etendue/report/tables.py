@@ -30,9 +30,9 @@ def ledger(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     for axis in plan.axes:
         column: list[Any] = []
         text = any(isinstance(v, str) for v in axis.values)
+        place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
         for cell, _ in rows:
-            axes = plan_axes(plan, cell.node)
-            column.append(axis.values[cell.index[axes.index(axis.dim)]] if axis.dim in axes else ("" if text else math.nan))
+            column.append(axis.values[cell.index[place[cell.node]]] if cell.node in place else ("" if text else math.nan))
         values = np.array(column, dtype=object if text else float)
         # named beside the dims of the other groups, not after them: here it is a column
         arrays[f"at_{axis.dim}"] = (("cell",), values, {"long_name": axis.key, "units": axis.units or "1"})

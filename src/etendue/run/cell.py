@@ -18,44 +18,45 @@ from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
+from etendue.run.form import form_of
 from etendue.run.found import with_found
 from etendue.run.given import Clipped, arguments
 from etendue.run.job import Job
 from etendue.run.mapped import one_by_one
-from etendue.run.ownership import as_array, as_it_was, for_reading, frozen, taken
+from etendue.run.ownership import as_array, for_reading, frozen, taken, undisturbed
 from etendue.run.segments import Result, transferred
-from etendue.spec.capabilities import is_transfer
 from etendue.spec.ports import CellReport
-from etendue.spec.variables import variable as known
 from etendue.telling import plain, told
 
 
 def check(job: Job, arrays: Any) -> dict[str, Any]:
     """What a stage gave back, held against its declaration; floats are brought to the plan's precision."""
-    name = type(job.stage).__name__
+    form, name = form_of(job), type(job.stage).__name__
     if not isinstance(arrays, dict):
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
-    if set(arrays) != set(job.writes):
+    if arrays.keys() != form.writes.keys():
         raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
     checked, arrays = {}, dict(arrays)
-    for variable, declaration in job.writes.items():
-        grid = job.grids[variable]
-        shape = grid.shape(declaration.dims)
-        if isinstance(arrays[variable], Banded):
-            checked[variable] = arrays[variable]  # checked band by band, as it is made
-            continue
-        array = as_array(name, variable, arrays.pop(variable))
-        if array.shape != shape:
-            raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {declaration.dims} = {shape}")
-        as_floats = declaration.dtype == "float" or (job.expected and array.dtype.kind == "f")
-        wanted = np.dtype(job.precision if as_floats else declaration.dtype)
-        if wanted.kind == "f":
+    for output in form.outputs:
+        variable, wanted = output.variable, output.dtype
+        array = arrays.pop(variable)
+        if type(array) is not np.ndarray:
+            if isinstance(array, Banded):
+                checked[variable] = array  # checked band by band, as it is made
+                continue
+            array = as_array(name, variable, array)
+        if array.shape != output.shape:
+            dims = output.declaration.dims
+            raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {dims} = {output.shape}")
+        if array.dtype != wanted:
+            if wanted.kind != "f" and job.expected and array.dtype.kind == "f":
+                wanted = np.dtype(job.precision)  # a mean is not rounded
+            if wanted.kind != "f":
+                raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
             if array.dtype.kind not in "fiub":
                 raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
-            array = array if array.dtype == wanted else array.astype(wanted)  # infinite values are looked for, and named, below
-        elif array.dtype != wanted:
-            raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
-        if is_transfer(type(job.stage)):  # made by the engine, or what it read where nothing is to be done
+            array = array.astype(wanted)  # infinite values are looked for, and named, below
+        if form.transfer:  # made by the engine, or what it read where nothing is to be done
             checked[variable] = frozen(array if array.flags.c_contiguous else array.copy(order="C"))
             continue
         given = {variable: array}
@@ -72,15 +73,19 @@ def smallest(array: Any) -> float:
 
 def finite(array: Any) -> bool:
     """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that overflows."""
+    if not array.ndim:
+        return math.isfinite(array)
     flat = array.reshape(-1)
-    return math.isfinite(np.dot(flat, flat)) or bool(np.isfinite(flat).all())
+    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
 
 
 def _undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
     """NaN for each float array that holds undefined values; refuses those that were not declared."""
     found = {}
     for variable, array in arrays.items():
-        if isinstance(array, Banded) or array.dtype.kind != "f" or array.size == 0 or finite(array):
+        if type(array) is not np.ndarray and isinstance(array, Banded):
+            continue
+        if array.dtype.kind != "f" or array.size == 0 or finite(array):
             continue
         if not job.writes[variable].nan:
             bad = int(array.size - np.isfinite(array).sum())
@@ -105,12 +110,10 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     elsewhere.seconds = 0.0
     try:
         if job.task == "load":
-            with as_it_was():
-                result, arrays = _load(job, results)
-                result.arrays, result.lowest = arrays, _undefined(job, arrays)
+            result, arrays = undisturbed(_load, job, results)
+            result.arrays, result.lowest = arrays, _undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
-        with as_it_was():
-            result, arrays = _made(job, results, clipped)
+        result, arrays = undisturbed(_made, job, results, clipped)
         seconds = time.thread_time() - began + elsewhere.seconds
         written: tuple[Any, ...] = ()
         if job.target and job.store:
@@ -122,7 +125,7 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
         result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
         share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
         status = "left_out" if job.left_out else "done"
-        floored = sum(float(np.nansum(arrays[v])) for v in arrays if known(v).counted)
+        floored = sum(float(np.nansum(arrays[v])) for v in form_of(job).counted if v in arrays)
         return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
     except (MachineError, ArchiveInUse):
         raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run
@@ -149,7 +152,8 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         arrays = one_by_one(job, results, clipped, check)
         return Result(lowest=_undefined(job, arrays)), arrays
     job = with_found(job, results)
-    if is_transfer(type(job.stage)):
+    transfer = form_of(job).transfer
+    if transfer:
         result, arrays = transferred(job, results)
     elif job.left_out:
         sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
@@ -163,7 +167,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         result, arrays = Result(), made_by_band(job, given)
     else:
         result, arrays = Result(), job.run(**arguments(job, results, clipped))
-    if not is_transfer(type(job.stage)) or arrays:
+    if not transfer or arrays:
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied
         arrays = check(job, held.pop())

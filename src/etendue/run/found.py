@@ -49,7 +49,13 @@ def seed_found(job: Job, results: Mapping[CellRef, Any], at: tuple[int, ...]) ->
         value = _value(results, word.ref, word.variable, job, at)
         if value != word.default:
             lines.add(line(word.stage, word.name, value))
-    return seed_of(job.waiting.seed, job.ref[0], lines)
+    return _seed_of(job.waiting.seed, job.ref[0], frozenset(lines))
+
+
+@lru_cache(256)
+def _seed_of(seed: int, node: str, lines: frozenset[str]) -> bytes:
+    """Most frames of a burst have the same words."""
+    return seed_of(seed, node, set(lines))
 
 
 @lru_cache(256)

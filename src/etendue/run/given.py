@@ -6,23 +6,24 @@ Out: arguments by name.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from etendue.coordinates import coordinates_of
 from etendue.errors import PluginError
 from etendue.physics.electronics.noise import philox
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded
+from etendue.run.form import form_of
 from etendue.run.job import Job, Looking
 from etendue.run.otf import transfers_of, weights_of
 from etendue.run.ownership import for_reading, frozen
 from etendue.run.segments import Result
-from etendue.run.tables import TABLES, SensorRandom, prepared_of
+from etendue.run.tables import SensorRandom, prepared_of
 from etendue.spec.capabilities import Probe
-from etendue.spec.stage import Stage, optional_ports
+from etendue.spec.stage import Stage
 
 NOTHING = Looking()
 Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
@@ -30,8 +31,10 @@ Clipped = list[tuple[float, float]]  # share of values that were negative, and o
 
 def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> dict[str, Any]:
     """Everything that ``run`` asks for, in its order."""
-    arrays = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
-    given = {port: for_reading(not_negative(job, results, port, array, clipped)) for port, array in arrays.items()} | beside(job, results)
+    given = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
+    for port, array in given.items():
+        given[port] = for_reading(not_negative(job, results, port, array, clipped))
+    given |= beside(job, results)
     return {name: given[name] for name in job.asks if name in given}
 
 
@@ -39,11 +42,11 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: 
     """An array that is read: looked through for what its stage refuses."""
     result, policy = results[ref], job.stage.negative
     array = result.arrays[variable]
-    if isinstance(array, Banded):  # a stage that needs the whole of it
+    if type(array) is not np.ndarray and isinstance(array, Banded):  # a stage that needs the whole of it
         array = np.asarray(array)
     if array.dtype.kind != "f" or not array.size:
         return array
-    if job.stage.nan != "keep" and not np.isfinite(result.lowest.get(variable, 0.0)):
+    if job.stage.nan != "keep" and not math.isfinite(result.lowest.get(variable, 0.0)):
         raise PluginError(
             f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
             "look for the stage that made them, or use one that declares nan = 'keep'"
@@ -62,8 +65,10 @@ def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: 
 
 def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Any, clipped: Clipped) -> Any:
     """An array of a port, or a slice of it, without negative values where the stage has them clipped."""
+    if job.stage.negative != "clip":
+        return array
     _, ref, variable = next(one for one in job.inputs if one[0] == port)
-    if job.stage.negative != "clip" or array.dtype.kind != "f" or not results[ref].lowest.get(variable, 0.0) < 0:
+    if array.dtype.kind != "f" or not results[ref].lowest.get(variable, 0.0) < 0:
         return array
     below = array < 0
     total = float(np.abs(array).sum(dtype=np.float64))
@@ -83,31 +88,26 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
             given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
         else:
             given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
-    ports = {port for port, _, _ in job.inputs}
-    others = [name for name in job.asks if name not in given and name not in ports | optional_ports(type(job.stage))]
-    if "asked" in others:
+    form = form_of(job)
+    special = form.special
+    if "asked" in special:
         given["asked"] = frozenset(name for name, declared in job.writes.items() if declared.optional)
-    if "prepared" in others:
+    if "prepared" in special:
         given["prepared"] = _prepared(job)
-    if "rng" in others:
+    if "rng" in special:
         given["rng"] = philox(job.seed)
-    if "rng_sensor" in others:
+    if "rng_sensor" in special:
         given["rng_sensor"] = SensorRandom(job.sensor_seed, next(iter(job.grids.values())), job.precision)
-    if any(name not in given for name in others):
-        key = ("coordinates", tuple(sorted(job.input_grids.items())), tuple(sorted(job.grids.items())))
-        found = TABLES.get(
-            key, lambda: {**coordinates_of(job.grids), **coordinates_of(job.input_grids), **coordinates_of(job.grids, "out_")}
-        )
-        for name in others:
-            if name not in given:
-                if name not in found:
-                    raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
-                given[name] = for_reading(found[name])
+    for name in form.beside:
+        if name not in given:
+            if name not in form.coordinates:
+                raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
+            given[name] = for_reading(form.coordinates[name])
     return given
 
 
 def _prepared(job: Job) -> Any:
     """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
     if type(job.stage).prepare is not Stage.prepare or not (job.looking and job.looking.transfers):
-        return prepared_of(job.stage, job.input_grids, job.grids)
+        return prepared_of(job.stage, job.input_grids, job.grids, form_of(job).key_of_prepared(job.stage))
     return None if job.looking.channel_weights is None else weights_of(job.looking.channel_weights, job.looking.bands)

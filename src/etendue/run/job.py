@@ -96,6 +96,8 @@ class Job:
     mapped: Mapped | None = None
     expected: bool = False  # means in the place of draws and rounding
 
+    form: Any = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
+
     @property
     def averages(self) -> bool:
         """Whether the stage's mean stands in the place of its draw."""
@@ -130,9 +132,11 @@ class Job:
             refs += [ref for _, what, pairs in self.looking.ports if what != "transfer" for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
 
-    @cached_property
+    @property
     def awaited(self) -> tuple[CellRef, ...]:
         """The cells that find something this job does not know yet."""
+        if self.waiting is None and self.segment is None and self.looking is None:
+            return ()
         every = [*(self.segment.found if self.segment else ()), *(self.looking.found if self.looking else ())]
         refs = [ref for found in every for _, ref, _ in found]
         if self.waiting:

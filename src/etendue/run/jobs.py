@@ -13,6 +13,7 @@ from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
 from etendue.run.job import Found, Job, Looking, Mapped, Segment, Waiting
 from etendue.spec.capabilities import Banded, Summed
+from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
 from etendue.spec.stage import quantities_of, reads_of
 
@@ -66,16 +67,19 @@ def make_jobs(
         for other in direct[ref][1] if ref in direct else ():
             for _, finder, variable in other.found:
                 arrays.setdefault(finder, {})[variable] = None
-    jobs = {}
+    kept = {node.name: tuple(v for v in node.writes if (node.name, v) in plan.kept) for node in plan.nodes}
+    finding = {node.name for node in plan.nodes if node.found}
+    jobs: dict[CellRef, Job] = {}
+    last: dict[str, Job] = {}
     for ref, cell in plan.cells.items():
         if ref not in included:
             continue
-        node = nodes[cell.node]
-        store = tuple(v for v in node.writes if (node.name, v) in plan.kept) if ref in todo else ()
+        node, twin = nodes[cell.node], last.get(cell.node)
+        store = kept[cell.node] if ref in todo else ()
         give = tuple(node.writes) if ref in show else store if deliver_all else ()
         deliver = {**arrays.get(ref, {}), **dict.fromkeys(give)}
         serial = vars(cell.stage)["sensor_serial"] if "sensor_serial" in quantities_of(type(cell.stage)) else ""
-        awaited = cell.found if node.found else ()
+        awaited = cell.found if cell.node in finding else ()
         inputs = cell.inputs[: len(cell.inputs) - len(awaited)]
         segment = None
         if ref in direct:
@@ -84,16 +88,31 @@ def make_jobs(
             segment = Segment(None, tuple(c.stage for c in before), _found_of(before), ref in spectra, plan.cells[source].key)  # type: ignore[misc]
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, spectrum=ref in spectra)
-        jobs[ref] = Job(
-            ref=ref, task="compute" if ref in todo else "load", stage=cell.stage, writes=node.writes, grids=cell.grids,
-            input_grids=cell.input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
+        grids, input_grids = cell.grids, cell.input_grids
+        if twin is not None:  # what is the same thing is found to be equal at once, and hashed once
+            grids = twin.grids if twin.grids == grids else grids
+            input_grids = twin.input_grids if twin.input_grids == input_grids else input_grids
+            if not _costs_the_same(cell, grids, input_grids, twin):
+                twin = None
+        jobs[ref] = last[cell.node] = Job(
+            ref=ref, task="compute" if ref in todo else "load", stage=cell.stage, writes=node.writes,
+            grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
-            deliver=tuple(deliver), target=target(cell), seconds=cell_seconds(node, cell, plan.precision), give=give,
-            by_band=_by_band(node, cell, plan.precision), segment=segment, looking=_looking(plan, nodes, cell) if cell.looks_at else None,
+            deliver=tuple(deliver), target=target(cell), give=give,
+            seconds=twin.seconds if twin else cell_seconds(node, cell, plan.precision),
+            by_band=twin.by_band if twin else _by_band(node, cell, plan.precision), segment=segment,
+            looking=_looking(plan, nodes, cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
             mapped=Mapped(cell.mapped, _leading(nodes, cell)) if cell.mapped else None, expected=plan.expected,
         )  # fmt: skip
     return jobs
+
+
+def _costs_the_same(cell: Cell, grids: Mapping[str, Grid], input_grids: Mapping[str, Grid], twin: Job) -> bool:
+    """Whether what follows from class, grids and what is left out has been found out for another cell of the node."""
+    if twin.grids is not grids or twin.input_grids is not input_grids or type(twin.stage) is not type(cell.stage):
+        return False
+    return twin.left_out == (cell.left_out is not None) and (twin.mapped is None) == (not cell.mapped)
 
 
 def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import PluginError
-from etendue.physics.electronics.noise import philox
+from etendue.physics.electronics.noise import philox, renamed
 from etendue.plan.model import CellRef
 from etendue.run.found import seed_found, stage_found, with_found
 from etendue.run.given import Clipped, beside, looked_through, not_negative
@@ -38,13 +38,15 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
     called = "mean" if job.averages else "run"
     arrays: dict[str, Any] = {}
     constant: dict[str, Any] = {}
+    generator: np.random.Generator | None = None
     for number, at in enumerate(np.ndindex(*slices.sizes)):
         stage = slices.stage_at(at)
         if not number or slices.prepares_anew:
             constant = beside(replace(slices.core, stage=stage, seed=b""), results)
         given = slices.arrays_at(at) | constant
         if "rng" in constant:
-            given["rng"] = philox(seed_found(job, results, at) + slices.words(at))
+            words = seed_found(job, results, at) + slices.words(at)
+            given["rng"] = generator = renamed(generator, words) if generator else philox(words)
         found = getattr(stage, called)(**{name: given[name] for name in names if name in given})
         if number:
             _put(arrays, found, slices, at)
@@ -59,7 +61,9 @@ def _put(arrays: dict[str, Any], found: Any, slices: _Slices, at: tuple[int, ...
     if not isinstance(found, dict) or found.keys() != arrays.keys():
         raise PluginError(f"{name}.run gave another set of variables for slice {at} than for the first")
     for variable in slices.led:
-        array, place = as_array(name, variable, found[variable]), arrays[variable]
+        array, place = found[variable], arrays[variable]
+        if type(array) is not np.ndarray:
+            array = as_array(name, variable, array)
         fits = array.dtype == place.dtype or (place.dtype.kind == "f" and array.dtype.kind in "fiub")
         if not fits or array.shape != place.shape[len(at) :]:
             expected = f"the first is {place.dtype} {place.shape[len(at) :]}"

@@ -10,13 +10,13 @@ Key = TypeVar("Key", bound=Hashable)
 
 def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> list[Key]:
     """Keys so ordered that each stands behind all it needs, and a chain is finished before its sibling is begun."""
-    known = list(keys)
-    waiting = {key: len(set(needs(key))) for key in known}
+    before = {key: set(needs(key)) for key in keys}
+    waiting = {key: len(others) for key, others in before.items()}
     readers: dict[Key, list[Key]] = {}
-    for key in known:
-        for other in set(needs(key)):
+    for key, others in before.items():
+        for other in others:
             readers.setdefault(other, []).append(key)
-    order, ready = [], [key for key in reversed(known) if not waiting[key]]
+    order, ready = [], [key for key in reversed(before) if not waiting[key]]
     while ready:
         key = ready.pop()
         order.append(key)

@@ -12,14 +12,18 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from contextvars import Context
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from etendue.errors import PluginError
 from etendue.telling import here
+
+_Given = ParamSpec("_Given")
+_Found = TypeVar("_Found")
 
 
 def for_reading(array: Any) -> Any:
@@ -99,20 +103,23 @@ def in_its_place() -> Iterator[None]:
             os.chdir(folder)
 
 
-@contextmanager
-def as_it_was() -> Iterator[None]:
-    """Whatever a stage changes about how its process warns and handles errors of numpy is put back behind it.
+_QUIET = Context()
+_QUIET.run(np.seterr, over="ignore", divide="ignore", invalid="ignore")
 
-    What is not finite is looked for in what it gives, and said once: numpy says nothing.
+
+def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _Given.kwargs) -> _Found:
+    """What ``work`` gives; whatever it changes about how its process warns and handles errors of numpy is put back behind it.
+
+    What is not finite is looked for in what it gives, and said once: numpy says nothing. How numpy handles errors stands in a
+    context, of which every call has a fresh copy.
     """
     filters, shown = warnings.filters, warnings.showwarning
     kept = list(filters)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        try:
-            yield
-        finally:
-            if warnings.filters is filters and filters != kept:  # another list: a thread beside this one catches warnings
-                filters[:] = kept  # type: ignore[index]
-                warnings._filters_mutated()  # type: ignore[attr-defined]
-            if warnings.showwarning is not shown:
-                warnings.showwarning = shown
+    try:
+        return _QUIET.copy().run(work, *given, **named)
+    finally:
+        if warnings.filters is filters and filters != kept:  # another list: a thread beside this one catches warnings
+            filters[:] = kept  # type: ignore[index]
+            warnings._filters_mutated()  # type: ignore[attr-defined]
+        if warnings.showwarning is not shown:
+            warnings.showwarning = shown

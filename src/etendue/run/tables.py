@@ -22,6 +22,21 @@ from etendue.telling import foreign
 LARGEST_CACHE = 256 << 20
 
 
+class Key:
+    """A key whose hash is taken once: of a stage and its grids it costs more than looking up what is kept under it."""
+
+    __slots__ = ("taken", "value")
+
+    def __init__(self, value: Any) -> None:
+        self.value, self.taken = value, hash(value)
+
+    def __hash__(self) -> int:
+        return self.taken
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Key) and self.value == other.value
+
+
 class Cache:
     """Values by key, least recently used dropped first, bounded in bytes. Shared by the threads of a process."""
 
@@ -33,9 +48,10 @@ class Cache:
 
     def get(self, key: Any, make: Callable[[], Any]) -> Any:
         with self.lock:
-            if key in self.entries:
+            found = self.entries.get(key)
+            if found is not None:
                 self.entries.move_to_end(key)
-                return self.entries[key][0]
+                return found[0]
             making = self.making.setdefault(key, threading.Lock())
         with making:
             with self.lock:
@@ -126,18 +142,23 @@ class SensorRandom:
         return TABLES.get(("sensor", draw.__name__, words, spans, self.precision), make).view()
 
 
-def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> Any:
-    """``stage.prepare``, once per (parameters, coordinates) and process."""
+def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:
+    """Under what the tables of a stage are kept, and whether that stays so: files may change."""
+    state = state_of(stage)
+    return Key(("prepare", state, tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))), not state[1]
+
+
+def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid], key: Key | None = None) -> Any:
+    """``stage.prepare``, once per (parameters, coordinates) and process; ``key``: where it is known already."""
     if type(stage).prepare is Stage.prepare:
         return None
     own: Any = stage
-    key = ("prepare", state_of(stage), tuple(sorted(input_grids.items())), tuple(sorted(grids.items())))
 
     def make() -> Any:
         with foreign(f"{type(stage).__name__}.prepare"):
             return own.prepare({**coordinates_of(grids), **coordinates_of(input_grids), **coordinates_of(grids, "out_")})
 
-    return TABLES.get(key, make)
+    return TABLES.get(key or key_of_prepared(stage, input_grids, grids)[0], make)
 
 
 def prepared_for(stage: Stage, edges: tuple[float, ...]) -> Any:

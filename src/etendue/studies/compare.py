@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,50 +20,20 @@ from threadpoolctl import threadpool_limits
 
 from etendue.errors import Fault, RequestError
 from etendue.physics.colour.matrices import D65_XY, xyz_from_xy
-from etendue.plan.model import Alternative, CellRef, Plan
+from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry, installed_stages
 from etendue.run.cell import compute
 from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
-from etendue.session import Options, Outcome, execute
+from etendue.session import Options, execute
 from etendue.spec.capabilities import Viewed, is_source, is_transfer
 from etendue.spec.pipeline import Pipeline
 from etendue.studies import edge
 from etendue.studies.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
 from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
+from etendue.studies.compared import Reader, Row
 from etendue.studies.figures import BORDER, by_its_own_white, colour_figures, display_figures, linear_figures
-
-
-@dataclass
-class Row:
-    """One alternative. What is not known is None."""
-
-    value: Any
-    label: str
-    use: str = ""
-    distribution: str = ""
-    version: str = ""
-    psnr: float | None = None  # dB, where the alternatives give their result
-    rmse: float | None = None
-    psnr_white: float | None = None  # the same, full scale the brightest of the value's own reference
-    psnr_encoded: float | None = None
-    ssim: float | None = None
-    delta_e: float | None = None  # mean CIEDE2000
-    zipper: float | None = None
-    false_colour: float | None = None
-    mtf50: float | None = None  # cycles/pixel
-    mtf50_reference: float | None = None
-    seconds: float | None = None  # thread time of the stage
-    mpixel_per_second: float | None = None
-    seconds_per_mpixel: float | None = None
-    pareto: bool = False  # nothing is both better and faster
-    status: str = "done"  # refused: it cannot serve this pipeline; failed: it broke off
-    reason: str = ""
-    position: int | None = None  # on the axis
-
-
-FIGURES = tuple(f.name for f in fields(Row) if f.type == "float | None")
 
 
 @dataclass
@@ -150,7 +120,7 @@ def compare(
     if ready:
         ready()
     outcome = execute(plan, None, options, progress(plan) if progress else None)
-    reader = _Reader(plan, outcome, asked, branched)
+    reader = Reader(plan, outcome, asked, branched)
     texts = reader.axis.values if asked.swaps else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
     measured = [_row(reader, branched, i, str(text), repeat) for i, text in enumerate(texts)]
     if edges and any(row.status == "done" for row in measured):
@@ -269,60 +239,7 @@ def _refused(value: Any, asked: Asked, registry: Registry, reason: str) -> Row:
     return row
 
 
-class _Reader:
-    """Arrays and reports of a run by the position on the axis."""
-
-    def __init__(self, plan: Plan, outcome: Outcome, asked: Asked, branched: Branched) -> None:
-        self.plan, self.outcome, self.asked = plan, outcome, asked
-        axis = next((a for a in plan.axes if a.key == asked.key), None)
-        if axis is None:
-            raise RequestError([Fault(f"--axis {asked.key}", "the picture does not depend on it")])
-        self.axis = axis
-        self.dims = {a.dim for a in plan.axes if a.key in branched.axes(asked.key, None)}  # of both branches
-        self.count = len(axis.values)
-        places = [pair.reference[0] for pair in (branched.linear, branched.display, branched.colour) if pair]
-        self.own_reference = any(self.dims & set(plan.node(name).axes) for name in places)
-
-    def ref(self, name: str, position: int) -> CellRef:
-        return (name, tuple(position if dim in self.dims else 0 for dim in self.plan.node(name).axes))
-
-    def at(self, place: Place, position: int) -> Any:
-        return self.outcome.arrays.get(self.ref(place[0], position), {}).get(place[1])
-
-    def of(self, found: tuple[str, Any], position: int = 0) -> Any:
-        variable, node = found
-        return self.at((node.name, variable), position) if node is not None and node.name in [n.name for n in self.plan.nodes] else None
-
-    def why(self, position: int) -> str:
-        """What went wrong at a value of the axis: the first stage that failed."""
-        for node in self.plan.nodes:
-            report = self.outcome.reports.get(self.ref(node.name, position))
-            if report is not None and report.status == "failed" and self.dims & set(node.axes):
-                own = "" if node.name == self.asked.stage else f"{node.name}: "
-                return own + report.message.strip().rpartition("\n")[2]
-        return ""
-
-    def shared_faults(self) -> list[str]:
-        """Stages that failed for all alternatives alike."""
-        own = {node.name for node in self.plan.nodes if self.dims & set(node.axes)}
-        return [f"{r.stage} failed: {r.message.strip().rpartition(chr(10))[2]}" for r in self.outcome.failed if r.stage not in own]
-
-    def alternative(self, position: int) -> Alternative | None:
-        if not self.asked.stage:
-            return None
-        node = self.plan.node(self.asked.stage)
-        return node.alternatives[position if self.asked.swaps and len(node.alternatives) > 1 else 0]
-
-    def pictures(self, branched: Branched, rows: list[Row]) -> tuple[dict[int, Any], dict[int, Any]]:
-        """What to look at: encoded pictures by position, and the references'."""
-        pair = branched.display or branched.linear
-        done = [row.position for row in rows if row.status == "done" and row.position is not None]
-        ours, theirs = ({i: self.at(where, i) for i in done} for where in (pair.ours, pair.reference))
-        both = [i for i in done if ours[i] is not None and theirs[i] is not None]
-        return {i: ours[i] for i in both}, {i: theirs[i] for i in both}
-
-
-def _row(reader: _Reader, branched: Branched, position: int, label: str, repeat: int) -> Row:
+def _row(reader: Reader, branched: Branched, position: int, label: str, repeat: int) -> Row:
     value, one = reader.axis.values[position], reader.alternative(position)
     row = Row(value, label, position=position)
     if one is not None:
@@ -358,7 +275,7 @@ def _row(reader: _Reader, branched: Branched, position: int, label: str, repeat:
     return row
 
 
-def _viewing_white(reader: _Reader, branched: Branched, position: int) -> Any:
+def _viewing_white(reader: Reader, branched: Branched, position: int) -> Any:
     """White of the eye that looks at the tristimulus values: of the balance's target, else that of the scene."""
     assert branched.colour is not None
     name = branched.colour.ours[0]
@@ -369,7 +286,7 @@ def _viewing_white(reader: _Reader, branched: Branched, position: int) -> Any:
     return np.asarray(xyz_from_xy(D65_XY) if white is None else white, dtype=np.float64)
 
 
-def seconds_of(reader: _Reader, position: int, repeat: int) -> float | None:
+def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
     """Thread time of the compared stage alone: the fastest of several runs on what it was given."""
     ref = reader.ref(reader.asked.stage, position)
     report, cell = reader.outcome.reports.get(ref), reader.plan.cells[ref]

@@ -15,7 +15,7 @@ differ. Defective pixels are left out: they are no noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ from etendue.spec.roles import FlatScene, Noisy, Scaled
 from etendue.spec.stage import parameters_of, writes_of
 from etendue.studies import installed
 from etendue.studies.axis import without_sweep
+from etendue.studies.noise_report import NoiseReport, StageNoise
 
 PICTURES = ("rgb_camera", "xyz_scene", "rgb_linear", "xyz_display", "rgb_display")
 BORDER, REACH, LARGEST = 16, 20, 192  # pixels: left out at the border, held by a response, side of the window that is measured
@@ -46,53 +47,6 @@ FULL = 0.001  # share of clipped pixels from which noise is cut off
 TREND = 4  # degree of what is taken off before noise is measured: fall-off over a wide field is no noise
 MOSAIC = "mosaic_linear"
 FLAWS = frozenset({"defect_map", "stuck_map"})  # what stages write that make defective pixels
-
-
-@dataclass
-class StageNoise:
-    """One picture of one stage: per channel, and correlations of the first channel pairs."""
-
-    stage: str
-    variable: str
-    channels: tuple[str, ...]
-    predicted: list[float]  # standard deviations
-    found: list[float]
-    found_error: list[float]  # standard error of what was found
-    between: dict[str, tuple[float, float]]  # 'R G' -> correlation at one pixel, predicted and found
-    neighbours: list[tuple[float, float]]  # correlation of horizontal neighbours by channel, predicted and found
-
-
-@dataclass
-class NoiseReport:
-    """Noise behind every stage of a camera."""
-
-    pipeline: str
-    reflectance: float
-    frames: int
-    signal: dict[str, float]  # channel -> mean charge, electron
-    mosaic: dict[str, tuple[float | None, float, float]]  # channel -> standard deviation of the mosaic: predicted, found, standard error
-    rows: list[StageNoise] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    def document(self) -> dict[str, Any]:
-        """As JSON holds it."""
-        rows = []
-        for row in self.rows:
-            for i, channel in enumerate(row.channels):
-                rows.append({
-                    "stage": row.stage, "variable": row.variable, "channel": channel, "predicted": row.predicted[i],
-                    "found": row.found[i], "standard_error": row.found_error[i],
-                    "neighbours": {"predicted": row.neighbours[i][0], "found": row.neighbours[i][1]},
-                    "correlation": {pair: {"predicted": p, "found": f} for pair, (p, f) in row.between.items() if channel in pair.split()},
-                })  # fmt: skip
-        mosaic = [
-            {"channel": c, "electrons": self.signal.get(c), "predicted": p, "found": f, "standard_error": e}
-            for c, (p, f, e) in self.mosaic.items()
-        ]
-        return {
-            "pipeline": self.pipeline, "reflectance": self.reflectance, "frames": self.frames, "mosaic": mosaic, "rows": rows,
-            "notes": self.notes,
-        }  # fmt: skip
 
 
 def noise(

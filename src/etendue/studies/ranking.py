@@ -21,7 +21,8 @@ from rich.table import Table
 from etendue.report.crops import Strip, strip
 from etendue.report.terminal import escape
 from etendue.report.work_precision import Point, work_precision
-from etendue.studies.compare import FIGURES, Comparison, Row
+from etendue.studies.compare import Comparison
+from etendue.studies.compared import FIGURES, Row
 from etendue.studies.files import finite, write_whole
 
 PLOT, CROPS = "error_against_time.png", "crops.png"

@@ -26,11 +26,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from etendue.physics import require
 from etendue.physics.field.convolve import Weights, eigen, fast, hats_of, tiles
+from etendue.physics.field.expansion import BASIS_NODES, expansion
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.physics.field.psf_kernels import Centre, Light, Sampler
 
@@ -38,7 +38,6 @@ FloatArray = NDArray[np.floating]
 Method = Literal["auto", "eigen", "tiles"]
 Level = tuple[tuple[int, int], FloatArray, float]  # nodes, their kernels, error of mixing them
 
-_BASIS_NODES = 300  # the expansion is made from at most so many kernels, and held against all of them
 _LARGEST = 512 << 20  # bytes of kernels
 _MOST = 100_000  # kernels: a minute or two
 _EIGEN_SHARE = 0.6  # of what is allowed, for mixing bilinearly where eigen-PSFs are cut off too
@@ -201,7 +200,7 @@ def prepare(
         grid, kernels, between = levels[-1]
         room = allowed - between
         # the ends of the mixed wavelengths bound what lies between them
-        tried = [_expansion(kernels[:, :, number], room, count) for number in range(used.size)]
+        tried = [expansion(kernels[:, :, number], room, count) for number in range(used.size)]
         most, worst = max(len(c) for _, c, _ in tried), max(e for _, _, e in tried)
         offers["eigen"] = (most, between + extra + worst, _cost_of_eigen(most))
     best = min(offers, key=lambda name: (not count and offers[name][1] > extra + allowed * (1 + 1e-9), offers[name][2]))
@@ -210,14 +209,14 @@ def prepare(
     if best == "eigen":
         truncated = 0.0
         for row in mix:
-            basis, coefficients, error = _expansion(np.tensordot(kernels, row, axes=(2, 0)), room, count)
+            basis, coefficients, error = expansion(np.tensordot(kernels, row, axes=(2, 0)), room, count)
             terms.append((basis, coefficients))
             truncated = max(truncated, error)
         offers["eigen"] = (max(len(c) for _, c in terms), between + extra + truncated, offers["eigen"][2])
     number, error, cost = offers.pop(best)
     if not count and error > extra + allowed * (1 + 1e-9):
         raise ValueError(
-            f"eigen-PSFs made from {_BASIS_NODES} kernels reach an error of {error:.2g}, not {tolerance:g}; take method 'tiles'"
+            f"eigen-PSFs made from {BASIS_NODES} kernels reach an error of {error:.2g}, not {tolerance:g}; take method 'tiles'"
         )
     choice = Choice(best, number, grid, error, cost, size, tuple((name, *offer) for name, offer in offers.items()))
     return Prepared(
@@ -363,41 +362,6 @@ def _mixing_error(kernels: FloatArray, fine: FloatArray) -> float:
         mixed[1::2] = 0.5 * (row[:-1] + row[1:])
         worst = max(worst, float(np.abs(fine[i] - mixed).sum(axis=(-2, -1)).max()))
     return 0.5 * worst
-
-
-def _expansion(kernels: FloatArray, room: float, count: int) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and leading directions of kernels (nodes y, nodes x, size, size) to an error of ``room``, or of ``count`` terms.
-
-    Gives the basis (1 + terms, size, size), coefficients (terms, nodes y, nodes x) and the error. Directions of kernels
-    minus their mean sum to zero: every truncation keeps the sum of 1.
-    """
-    grid, size = kernels.shape[:2], kernels.shape[-1]
-    flat = kernels.reshape(grid[0] * grid[1], size * size)
-    mean = flat.mean(axis=0)
-    apart = flat - mean
-    some = apart[:: -(-len(flat) // _BASIS_NODES)]
-    values, vectors = scipy.linalg.eigh(some @ some.T)
-    singular = np.sqrt(np.maximum(values[::-1], 0.0))
-    # a Gram matrix knows singular values to 1e-8 of the largest
-    rank = int((singular > 1e-8 * singular[0]).sum()) if singular[0] > 1e-14 else 0
-    directions = (some.T @ vectors[:, ::-1][:, :rank]) / singular[:rank]
-    shares = apart @ directions
-
-    def error(terms: int) -> float:
-        return 0.5 * float(np.abs(apart - shares[:, :terms] @ directions[:, :terms].T).sum(axis=1).max())
-
-    terms = min(count, rank)
-    if not count and rank and error(0) > room:
-        low, terms = 0, 1
-        while terms < rank and error(terms) > room:
-            low, terms = terms, min(2 * terms, rank)
-        while terms - low > max(1, terms // 16):
-            middle = (low + terms) // 2
-            low, terms = (middle, terms) if error(middle) > room else (low, middle)
-    basis = np.concatenate([mean[None], directions[:, :terms].T]).reshape(-1, size, size)
-    basis[1:] -= basis[1:].mean(axis=(1, 2), keepdims=True)
-    basis[0] /= basis[0].sum()
-    return basis, np.ascontiguousarray(shares[:, :terms].T).reshape(-1, *grid), error(terms)
 
 
 def _transform(*shape: int) -> float:

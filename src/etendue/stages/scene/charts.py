@@ -1,25 +1,21 @@
 """Scenes: radiance on the image-plane grid, in front of the lens, at an absolute level.
 
-In:  a chart's geometry (um on the image plane) or a photograph, an illuminant, the luminance of a white diffuser.
+In:  a chart's geometry (um on the image plane), an illuminant, the luminance of a white diffuser.
 Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from etendue import spectra
 from etendue.api import Banded, Bands, EdgeScene, Facts, FlatScene, Grid, Line, Source, param, quantity
-from etendue.physics.colour.encoding import srgb_decode
-from etendue.physics.scene import charts, composite, resampling
+from etendue.physics.scene import charts, composite
 from etendue.spec.bounds import MOST_BANDS, MOST_POINTS, beyond
-from etendue.stages.scene.picture import MOST_PIXELS, read_picture
 
 DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9
 
@@ -166,12 +162,6 @@ def _softness() -> Any:
     )  # fmt: skip
 
 
-def _contrast(low: float, high: float) -> float:
-    """Of two reflectances, refused before anything is drawn if they stand the wrong way round."""
-    charts.require_levels(low, high)
-    return high / low if low > 0 else math.inf
-
-
 @dataclass(frozen=True, kw_only=True)
 class Uniform(Scene, FlatScene):
     """The same light everywhere."""
@@ -186,58 +176,55 @@ class Uniform(Scene, FlatScene):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlantedEdge(Scene, EdgeScene):
-    """A straight edge, dark left and light right, tilted from the vertical (ISO 12233)."""
+class _TwoLevels(Scene):
+    """Charts between a dark and a light reflectance."""
 
-    angle: float = param(5.0, units="deg", above=-90, below=90)
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = _softness()
 
     def known(self) -> Facts:
-        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
+        charts.require_levels(self.low, self.high)  # refused before anything is drawn if they stand the wrong way round
+        return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else math.inf)
+
+    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+        """(y, x): its reflectance, about the middle of the window."""
+        raise TypeError(f"{type(self).__name__} must say how it is drawn")
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
-        y, x = self.centred(out_y, out_x)
-        return self.grey(charts.slanted_edge(y, x, self.angle, self.drawn(self.softness, self.low, self.high)), prepared)
+        return self.grey(self.chart(*self.centred(out_y, out_x), self.drawn(self.softness, self.low, self.high)), prepared)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SiemensStar(Scene):
+class SlantedEdge(_TwoLevels, EdgeScene):
+    """A straight edge, dark left and light right, tilted from the vertical (ISO 12233)."""
+
+    angle: float = param(5.0, units="deg", above=-90, below=90)
+
+    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+        return charts.slanted_edge(y, x, self.angle, drawn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiemensStar(_TwoLevels):
     """A star whose reflectance is sinusoidal in the angle (ISO 12233)."""
 
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     radius: float = param(400.0, units="um", above=0)
-    low: float = param(0.1, at_least=0, at_most=1)
-    high: float = param(0.9, at_least=0, at_most=1)
-    softness: float = _softness()
 
-    def known(self) -> Facts:
-        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
-
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
-        y, x = self.centred(out_y, out_x)
-        star = charts.siemens_star(y, x, self.cycles, self.radius, self.drawn(self.softness, self.low, self.high))
-        return self.grey(star, prepared)
+    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+        return charts.siemens_star(y, x, self.cycles, self.radius, drawn)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZonePlate(Scene):
+class ZonePlate(_TwoLevels):
     """Circles whose frequency grows with the radius: aliasing made visible."""
 
     highest_frequency: float = param(0.25, units="um-1", above=0, doc="local frequency at the radius")
     radius: float = param(400.0, units="um", above=0)
-    low: float = param(0.1, at_least=0, at_most=1)
-    high: float = param(0.9, at_least=0, at_most=1)
-    softness: float = _softness()
 
-    def known(self) -> Facts:
-        return Facts(uniform=False, contrast=_contrast(self.low, self.high))
-
-    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
-        y, x = self.centred(out_y, out_x)
-        plate = charts.zone_plate(y, x, self.highest_frequency, self.radius, self.drawn(self.softness, self.low, self.high))
-        return self.grey(plate, prepared)
+    def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
+        return charts.zone_plate(y, x, self.highest_frequency, self.radius, drawn)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,79 +330,4 @@ class CompositeChart(_Coloured):
         cube = composite.patch_contribution(chart.rows, chart.columns, reflectance)
         cube += chart.grey
         cube *= white[:, None, None]
-        return {"radiance": cube, "white_radiance": white}
-
-
-def _linear_photograph(path: str, rows: int, columns: int) -> Any:
-    """What ``_read_photograph`` gives, remembered as long as the file stays as it is."""
-    state = os.stat(path)
-    return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
-
-
-@lru_cache(maxsize=4)
-def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
-    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light; what to note."""
-    picture = read_picture(path)
-    height, width = picture.values.shape[:2]
-    scale = min(height / rows, width / columns)
-    crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
-    top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
-    crop = picture.values[top : top + crop_rows, left : left + crop_columns]
-    linear = resampling.area_average(crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full))
-    linear.flags.writeable = False
-    return np.broadcast_to(linear, (3, rows, columns)), picture.note
-
-
-@dataclass(frozen=True, kw_only=True)
-class Photograph(Scene):
-    """A picture (PNG, JPEG, TIFF; sRGB-encoded, at its full depth) as a reflecting surface under the illuminant.
-
-    Decoded to linear light, area-averaged onto the grid, and given spectra by a basis whose colours under D65 are
-    those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
-    """
-
-    file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
-    libraries: ClassVar = ("colour-science", "pillow", "tifffile")
-
-    def band_limit(self) -> float:
-        return 0.5 / self.spacing
-
-    def rendered(self) -> None:
-        """What a camera and a file format have done to it nobody knows."""
-
-    def warn(self, facts: Facts, grids: Any) -> list[str]:
-        _, note = _linear_photograph(self.file, *self.size())
-        return [
-            *super().warn(facts, grids),
-            *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to),
-            *([f"{os.path.basename(self.file)}: {note}"] if note else []),
-        ]
-
-    def size(self) -> tuple[int, int]:
-        grid = self.plane()
-        rows, columns = grid["y"].size, grid["x"].size
-        too_many = beyond(rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene")
-        if too_many:
-            raise ValueError(too_many)
-        return rows, columns
-
-    def known(self) -> Facts:
-        linear, _ = _linear_photograph(self.file, *self.size())
-        low, high = float(linear.min()), float(linear.max())
-        return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
-
-    def prepare(self, coordinates: Any) -> Any:
-        edges = tuple(coordinates["out_wavelength_edges"])
-        return super().prepare(coordinates), spectra.upsampling_basis(edges)
-
-    def by_band(self, prepared: Any, bands: slice) -> Any:
-        return prepared[0][bands], prepared[1][bands]
-
-    def run(self, prepared: Any) -> dict[str, Any]:
-        white, basis = prepared
-        linear, _ = _linear_photograph(self.file, *self.size())
-        weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
-        cube = weights[:, 0] * linear[0]  # not a matrix product: its bits would hang on the number of bands
-        cube += weights[:, 1] * linear[1]
-        cube += weights[:, 2] * linear[2]
         return {"radiance": cube, "white_radiance": white}
