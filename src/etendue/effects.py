@@ -46,7 +46,17 @@ def behind(stage: Transfer, edges: tuple[float, ...], spectrum: Spectrum) -> Spe
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
     """(direction, wavelength, n): the product of transfer functions along rays; one direction where all of them are radial."""
-    product = Product(stages, edges, alone)
+    points = tuple(map(float, frequency))
+    found: Any = np.ones((1, len(edges) - 1, len(points)))
+    for stage in stages:
+        found = found * _rays(state_of(stage), edges, points)
+    return found
+
+
+@lru_cache(512)
+def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
+    """Of one stage, asked once: the same lens stands in front of many pixels."""
+    product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
         return product.along(frequency)[None]
     found = []

@@ -27,6 +27,7 @@ import numpy as np
 from etendue.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
 from etendue.discovery import spectrum
 from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, require_name, table_from_csv, with_reach
+from etendue.spectra.kept import kept
 from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, state_of
 
 SECOND_RADIATION_CONSTANT = PLANCK * SPEED_OF_LIGHT / BOLTZMANN * 1e9  # nm K
@@ -278,8 +279,11 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
 
 @lru_cache(maxsize=128)
 def _camera_sensitivity(name: str, edges: tuple[float, ...]) -> FloatArray:
-    table = lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera")
-    return frozen(bin_means(*with_reach(rows_of(table)[0], *smooth_rows(table)), edges, "zero"))
+    def found() -> FloatArray:
+        table = lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera")
+        return bin_means(*with_reach(rows_of(table)[0], *smooth_rows(table)), edges, "zero")
+
+    return frozen(kept(("camera", name, edges), found))
 
 
 def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:

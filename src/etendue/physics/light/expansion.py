@@ -60,7 +60,8 @@ def wavelength_basis(weights: FloatArray, planes: int, transfer: FloatArray, pas
     Notes
     -----
     Source: the singular vectors of what the weights themselves leave of the weighted transfer functions: the best basis in
-    the mean square for its number of functions (Eckart and Young 1936).
+    the mean square for its number of functions (Eckart and Young 1936). As eigenvectors of their products, bands by bands:
+    functions that bring less than 1e-8 of the first are in no order.
     """
     weights, scale = _scaled(weights)
     if planes < weights.shape[0]:
@@ -70,7 +71,7 @@ def wavelength_basis(weights: FloatArray, planes: int, transfer: FloatArray, pas
     own, _ = np.linalg.qr((weights * scale).T)
     wanted = ((weights * scale)[:, :, None] * transfer * passed).transpose(1, 0, 2).reshape(transfer.shape[0], -1)
     rest = wanted - own @ (own.T @ wanted)
-    vectors = np.linalg.svd(rest, full_matrices=False)[0][:, : planes - weights.shape[0]]
+    vectors = np.linalg.eigh(rest @ rest.T)[1][:, ::-1][:, : planes - weights.shape[0]]
     vectors = vectors - own @ (own.T @ vectors)
     with np.errstate(divide="ignore"):
         back = np.where(scale > 0, 1.0 / scale, 0.0)
