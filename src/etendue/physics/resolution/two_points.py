@@ -29,7 +29,7 @@ KINDS = ("point", "line")
 DARK = 1e-3  # of the peak, below which a ring counts as dark
 NODES = 400
 STEP = 1 / 16  # of 1/highest, between places at which a sign is looked for: the spread has no finer ripple than 1/2
-AT_ONCE = 64
+AT_ONCE = 24
 MOST = 400  # places at which a peak is looked for
 RINGS = 33  # distances from a dark ring to twice its radius at which the next bright one is looked for
 
@@ -186,6 +186,17 @@ def rayleigh_separation(
     Arguments as in `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
     """
     spread = spread_of(otf, highest, weights, kind, nodes)
+    return _rayleigh(spread, _sparrow(spread), dark)
+
+
+def separations(otf: Transfer, highest: float, weights: ArrayLike | None = None, *, nodes: int = NODES) -> tuple[float, float]:
+    """Rayleigh's and Sparrow's separation of two points, um, from one spread function. Arguments as in `spread_of`."""
+    spread = spread_of(otf, highest, weights, nodes=nodes)
+    sparrow = _sparrow(spread)
+    return _rayleigh(spread, sparrow, DARK), sparrow
+
+
+def _rayleigh(spread: Spread, sparrow: float, dark: float) -> float:
     peak = spread.value(np.zeros(1))[0]
     ring = _first_rise(spread, spread.slope)
     if ring is not None:
@@ -193,11 +204,11 @@ def rayleigh_separation(
         behind = spread.value(np.linspace(ring, 2 * ring, RINGS)).max()
         if abs(depth) <= dark * peak < behind - depth:  # a spread that only fades away has no ring
             return ring
-    near = _sparrow(spread)
+    near = sparrow
     if math.isnan(near):
         return near
     far = near
-    while far < NODES / highest:
+    while far < NODES / spread.highest:
         near, far = far, 1.1 * far
         if _saddle(spread, far)[0] <= RAYLEIGH_SADDLE:
             return float(brentq(lambda s: _saddle(spread, s)[0] - RAYLEIGH_SADDLE, near, far, xtol=1e-13 * far))

@@ -17,7 +17,7 @@ from etendue.api import Labels, Probe, param, quantity
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.resolution import contrast, slanted_edge
 from etendue.physics.sensor import cfa
-from etendue.stages.resolution.analytic import FACTORS, first_largest, gains, picture_height, response
+from etendue.stages.resolution.analytic import FACTORS, first_largest, gains, half_contrast, picture_height, response
 from etendue.stages.resolution.edge_pictures import Edge, Picture, Window, known_edge, once_for
 from etendue.stages.sensor.masks import mask_of
 
@@ -233,7 +233,10 @@ class EdgeProbe(Probe):
         gain = np.full(len(EVERY_FACTOR), math.nan)
         edges = [edge for *_, edge, _ in found if edge is not None]
         if pixel is not None and pixel.whole and edges:
-            gain[: len(FACTORS)] = gains(pixel, weights, _normal(edges[0]), nyquist, self.highest, self.nodes)
+            normal = _normal(edges[0])
+            gain[: len(FACTORS)] = gains(
+                pixel, lambda otf: half_contrast(otf, weights, normal, self.highest, self.nodes), nyquist, self.highest
+            )
         first = {variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)}  # picture of each kind
         if clipped:
             return gain, math.nan
