@@ -72,7 +72,7 @@ def test_remembered_curves_are_those_of_a_camera_alone():
     from etendue.run.tables import TABLES
 
     random, kind = np.random.default_rng(11), LOAD("resolution")
-    otfs, weights, _ = camera(random)
+    otfs, _, _ = camera(random)
     edges, front = otfs[-1][1].edges, otfs[-1][1].parts[:-1]
 
     def figures(pitch):
