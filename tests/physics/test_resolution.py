@@ -109,3 +109,12 @@ def test_a_response_with_a_kink_at_the_level_is_still_solved():
 def test_what_makes_no_sense_is_refused(call, text):
     with pytest.raises(ValueError, match=text):
         call()
+
+
+@given(st.floats(0.5, 6.0), st.floats(0.1, 0.9))
+def test_a_spline_of_many_nodes_crosses_where_the_curve_does(sigma, cut_off):
+    """Straight lines between 65 places of a step, on a spline of fourth order: 1e-7 at 1024 nodes."""
+    grid = contrast.search_nodes(4.0, 1024)
+    curve = contrast.Curve(grid, gaussian(sigma)(grid))
+    assert_allclose(curve.crossings(cut_off), curve.crossings(cut_off, gaussian(sigma)), rtol=1e-6)
+    assert_allclose(curve.half(), curve.crossings(cut_off)[0], rtol=0)

@@ -195,10 +195,9 @@ class Resolution(Probe):
 
         Crossings that are solved are right to 1e-9, where splines are no worse than 1e-3. Below 48 nodes a point may lose its ring.
         """
-        step = 128 / self.places()
-        on_splines = 0.0 if self.solved else 2e-2 * step**1.5
-        points = 6e-5 * (48 / self.point_nodes) ** 2 if self.point_nodes >= 48 else 1.0
-        return min(1.0, 7e-3 * step**3 + on_splines + points), "fitted"
+        on_splines = 0.0 if self.solved else 1.7e-2 * (128 / self.places()) ** 1.5
+        points = 8e-5 * (48 / self.point_nodes) ** 2 if self.point_nodes >= 48 else 1.0
+        return min(1.0, 7e-3 * (128 / self.nodes) ** 3 + on_splines + points + 2e-6), "fitted"
 
 
 @dataclass(frozen=True)
