@@ -10,6 +10,7 @@ from etendue.physics.optics.diffraction import airy_psf_density, circular_otf
 from etendue.physics.optics.lens import (
     gaussian_otf,
     gaussian_sigma_from_fwhm,
+    mean_square_radius,
     psf_image_otf,
     radial_psf_otf,
 )
@@ -177,3 +178,13 @@ def test_faulty_pictures_are_refused():
     ):
         with pytest.raises(ValueError, match=message):
             psf_image_otf(np.zeros(1), np.zeros(1), picture, spacing, centre)
+
+
+@given(sigma=floats(0.3, 10.0))
+def test_a_gaussian_has_twice_its_variance_as_mean_square_radius(sigma):
+    """2 sigma^2; its transfer function bends by 2 pi^2 times that at 0, and nowhere more."""
+    radius, psf = gaussian_table(sigma, 400)
+    assert_allclose(mean_square_radius(radius, psf), 2 * sigma**2, rtol=1e-3)  # of straight lines between 400 radii
+    frequency = np.linspace(0.0, 1.0 / sigma, 200)
+    bend = np.diff(radial_psf_otf(frequency, radius, psf), 2) / frequency[1] ** 2
+    assert np.abs(bend).max() <= 2 * np.pi**2 * mean_square_radius(radius, psf)

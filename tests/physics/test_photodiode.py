@@ -297,3 +297,12 @@ def test_parameters_without_meaning_are_refused_by_name():
         collection_mtf(0.1, **(good | {"depletion": 0.0, "diffusion_depth": 0.0}))
     with pytest.raises(ValueError, match="width is -1"):
         aperture_otf(0.1, -1.0)
+
+
+@pytest.mark.parametrize("back", BACKS)
+def test_all_bands_at_once_have_the_bits_of_each_alone(back):
+    """Strong and weak absorption, none, and one at which a product would lose its digits."""
+    alphas, frequency = np.array([0.0, 1e-310, 1e-6, 0.3, 7.0, 900.0]), np.append(0.0, np.geomspace(1e-4, 10.0, 40))
+    together = collection_mtf_bands(frequency, alphas, 1.0, 7.0, 50.0, back)
+    for alpha, ours in zip(alphas, together, strict=True):
+        assert ours.tobytes() == np.asarray(collection_mtf(frequency, float(alpha), 1.0, 7.0, 50.0, back)).tobytes()

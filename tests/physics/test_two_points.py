@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from etendue.physics.optics import diffraction
-from etendue.physics.resolution.two_points import RAYLEIGH_SADDLE, rayleigh_separation, sparrow_separation, spread_of, two_point_saddle
+from etendue.physics.resolution.two_points import (
+    RAYLEIGH_SADDLE,
+    rayleigh_separation,
+    separations,
+    sparrow_separation,
+    spread_of,
+    two_point_saddle,
+)
 from tests.physics.reference import cases
 
 SPOT = 0.55 * 2.8  # lambda N, um
@@ -116,3 +123,11 @@ def test_the_dip_begins_at_sparrows_separation_and_deepens(share):
 def test_nonsense_is_refused_with_its_name_and_what_is_allowed(call, match):
     with pytest.raises(ValueError, match=match):
         call()
+
+
+@pytest.mark.parametrize("otf", [airy, gaussian(0.8 * SPOT)], ids=["dark ring", "none"])
+def test_both_separations_at_once_are_those_alone_and_err_by_what_is_allowed(otf):
+    highest = 1 / SPOT
+    alone = rayleigh_separation(otf, highest), sparrow_separation(otf, highest)
+    assert separations(otf, highest) == alone
+    assert_allclose(separations(otf, highest, within=1e-4), alone, rtol=4e-4)  # the ratio of a saddle errs too

@@ -24,9 +24,9 @@ def test_every_knob_has_settings_unless_they_have_no_order():
         assert declared.settings or name in WITHOUT_ORDER or f"{name} of {stage}" in WITHOUT_ORDER, (stage, name)
 
 
-def test_what_changes_a_grid_or_what_a_scene_shows_is_left_to_studies():
+def test_what_changes_a_grid_what_a_scene_shows_or_an_interval_is_left_to_studies():
     studied = {name for _, name, declared, _ in knobs() if declared.studied}
-    assert studied == {"spacing", "bin_width", "softness"}
+    assert studied == {"spacing", "bin_width", "softness", "draws"}
 
 
 @pytest.mark.parametrize(

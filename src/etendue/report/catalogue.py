@@ -106,7 +106,8 @@ def print_stage(document: dict[str, Any]) -> None:
         allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
         notes = [text for text in ("required" if p["required"] else "", "under [camera]" if p["camera"] else "", allowed) if text]
         console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
-        for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}" if p["fidelity"] else ""):
+        settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
+        for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else ""):
             if text:
                 console.print(Padding(escape(text), (0, 0, 0, 4)))
 

@@ -7,7 +7,7 @@ Out: ``Otf`` values, each with the name of the stage up to which it holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -87,6 +87,10 @@ class Otf:
         """The same with these stages left out."""
         left_out = {names} if isinstance(names, str) else set(names)
         return replace(self, parts=tuple(part for part in self.parts if part[0] not in left_out))
+
+    def once(self, what: Hashable, make: Callable[[], Any]) -> Any:
+        """``make()``, remembered by the values of these stages; ``what`` names it and all else that it depends on."""
+        return TABLES.get(("of a product", what, tuple(state_of(stage) for _, stage in self.parts), self.edges, self.rendered), make)
 
     @property
     def weights(self) -> Any:

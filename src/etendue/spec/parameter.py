@@ -27,7 +27,7 @@ class Parameter:
     fidelity: bool = False
     reference: str = ""
     settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
-    studied: bool = False  # of a fidelity parameter: it changes a grid or what a scene shows, so that studies vary it and no plan does
+    studied: bool = False  # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file

@@ -182,6 +182,10 @@ def airy_outside(r: Floats, wavelength: Floats, f_number: Floats) -> Floats:
     return airy.outside(_argument(r, wavelength, f_number))
 
 
+_BLOCK = 1 << 14
+_SINE_SERIES = [(-1) ** k / factorial(2 * k + 3) for k in range(8)]
+
+
 def circular_otf(frequency: Floats, wavelength: Floats, f_number: Floats) -> Floats:
     """Transfer function of a diffraction-limited circular aperture in incoherent light.
 
@@ -356,12 +360,17 @@ def _pixel_energy(row: FloatArray, column: FloatArray, scale: float) -> FloatArr
 
 
 def _otf(nu: FloatArray) -> FloatArray:
-    """Inside the cut-off only."""
-    angle = np.arccos(nu)
-    direct = (2.0 / np.pi) * (angle - nu * np.sqrt((1.0 - nu) * (1.0 + nu)))
-    y = 2.0 * np.minimum(angle, 0.52)
-    square = y * y
-    # (y - sin y)/pi; the terms left out are below 1e-17 of it for y < 1.04
-    terms = [(-1) ** k / factorial(2 * k + 3) for k in range(8)]
-    series = y * square * airy.horner(terms, square) / np.pi
-    return np.where(nu == 0.0, 1.0, np.where(angle < 0.5, series, direct)).astype(nu.dtype, copy=False)
+    """Inside the cut-off only, (n,): in blocks that stay in a core's cache, the series only where it is needed."""
+    out = np.empty_like(nu)
+    for start in range(0, nu.size, _BLOCK):
+        block = nu[start : start + _BLOCK]
+        angle = np.arccos(block)
+        found = (2.0 / np.pi) * (angle - block * np.sqrt((1.0 - block) * (1.0 + block)))
+        near = angle < 0.5
+        y = 2.0 * angle[near]
+        square = y * y
+        # (y - sin y)/pi; the terms left out are below 1e-17 of it for y < 1.04
+        found[near] = y * square * airy.horner(_SINE_SERIES, square) / np.pi
+        found[block == 0.0] = 1.0
+        out[start : start + _BLOCK] = found
+    return out

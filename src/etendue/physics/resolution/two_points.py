@@ -29,7 +29,7 @@ KINDS = ("point", "line")
 DARK = 1e-3  # of the peak, below which a ring counts as dark
 NODES = 400
 STEP = 1 / 16  # of 1/highest, between places at which a sign is looked for: the spread has no finer ripple than 1/2
-AT_ONCE = 64
+AT_ONCE = 24
 MOST = 400  # places at which a peak is looked for
 RINGS = 33  # distances from a dark ring to twice its radius at which the next bright one is looked for
 
@@ -186,30 +186,46 @@ def rayleigh_separation(
     Arguments as in `spread_of`. Error: 1e-12 of the Airy disc's 1.219670 lambda N.
     """
     spread = spread_of(otf, highest, weights, kind, nodes)
+    return _rayleigh(spread, _sparrow(spread), dark)
+
+
+def separations(
+    otf: Transfer, highest: float, weights: ArrayLike | None = None, *, nodes: int = NODES, within: float = 0.0
+) -> tuple[float, float]:
+    """Rayleigh's and Sparrow's separation of two points, um, from one spread function.
+
+    Arguments as in `spread_of`; ``within``: share of a separation by which its root may err, 0 as far as digits go.
+    """
+    spread = spread_of(otf, highest, weights, nodes=nodes)
+    sparrow = _sparrow(spread, within)
+    return _rayleigh(spread, sparrow, DARK, within), sparrow
+
+
+def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) -> float:
     peak = spread.value(np.zeros(1))[0]
-    ring = _first_rise(spread, spread.slope)
+    ring = _first_rise(spread, spread.slope, within)
     if ring is not None:
         depth = spread.value(np.array([ring]))[0]
         behind = spread.value(np.linspace(ring, 2 * ring, RINGS)).max()
         if abs(depth) <= dark * peak < behind - depth:  # a spread that only fades away has no ring
             return ring
-    near = _sparrow(spread)
+    near = sparrow
     if math.isnan(near):
         return near
     far = near
-    while far < NODES / highest:
+    while far < NODES / spread.highest:
         near, far = far, 1.1 * far
-        if _saddle(spread, far)[0] <= RAYLEIGH_SADDLE:
-            return float(brentq(lambda s: _saddle(spread, s)[0] - RAYLEIGH_SADDLE, near, far, xtol=1e-13 * far))
+        if _saddle(spread, far, within)[0] <= RAYLEIGH_SADDLE:
+            return float(brentq(lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, xtol=max(within, 1e-13) * far))
     return math.nan
 
 
-def _sparrow(spread: Spread) -> float:
-    half = _first_rise(spread, spread.bend)
+def _sparrow(spread: Spread, within: float = 0.0) -> float:
+    half = _first_rise(spread, spread.bend, within)
     return math.nan if half is None else 2 * half
 
 
-def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray]) -> float | None:
+def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], within: float = 0.0) -> float | None:
     """First distance above 0 at which a derivative that begins below 0 rises through it."""
     step, last = STEP / spread.highest, int(0.5 * len(spread.frequency) / STEP)
     for start in range(1, last, AT_ONCE):
@@ -220,11 +236,12 @@ def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray]) 
             low = max(at - step, 0.01 * step)
             if not derivative(np.array([low]))[0] < 0:
                 return None
-            return float(brentq(lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=1e-14 * at))
+            return float(brentq(lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=max(within, 1e-14) * at))
     return None
 
 
-def _saddle(spread: Spread, separation: float) -> tuple[float, float]:
+def _saddle(spread: Spread, separation: float, within: float = 0.0) -> tuple[float, float]:
+    """Ratio and offset of a peak; the ratio is stationary there, so that the root of the peak is looked for to the root of ``within``."""
     half = 0.5 * separation
 
     def both(x: FloatArray) -> FloatArray:
@@ -244,6 +261,6 @@ def _saddle(spread: Spread, separation: float) -> tuple[float, float]:
     if not slope(below) > 0 > slope(above):
         peak = float(x[at])
     else:
-        peak = float(brentq(slope, below, above, xtol=1e-15 * above))
+        peak = float(brentq(slope, below, above, xtol=max(math.sqrt(within), 1e-15) * above))
     middle, top = both(np.array([0.0, peak]))
     return (1.0, 0.0) if middle >= top else (float(middle / top), peak)

@@ -22,6 +22,7 @@ from etendue.physics import require
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
 Back = Literal["absorbing", "reflecting"]
+FEW = 8192  # frequencies up to which all bands are evaluated at once; more would leave the processor's cache
 
 
 def aperture_otf(frequency: Floats, width: float) -> Floats:
@@ -192,17 +193,17 @@ def collection_mtf_bands(
     highest = float(frequency.max(initial=0.0))
     nodes = max(nodes, 16) if nodes > 0 else 0
     if nodes == 0 or frequency.size <= 2 * nodes or endless or highest == 0.0:
-        return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
+        return _every_mtf(frequency, diodes)
     lowest = 1.0 / diffusion_length
     slowest = 1.0 / diffusion_depth if 0.0 < diffusion_depth < np.inf else float(np.min(alphas[alphas > 0.0], initial=np.inf))
     slowest = min(slowest, max(2.0 * np.pi * highest, lowest)) if slowest < np.inf else lowest
     first, last = np.log1p(np.array([lowest, np.hypot(lowest, 2.0 * np.pi * highest)]) / slowest)
     step = (last - first) / (nodes - 1)
     if not step > 0.0:
-        return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
+        return _every_mtf(frequency, diodes)
     rate = slowest * np.expm1(first + step * np.arange(nodes))
     radii = np.sqrt(np.maximum((rate - lowest) * (rate + lowest), 0.0)) / (2.0 * np.pi)
-    table = np.stack([collection_mtf(radii, *diode) for diode in diodes])
+    table = _every_mtf(radii, diodes)
     where = (np.log1p(np.hypot(lowest, (2.0 * np.pi) * frequency) / slowest) - first) / step
     place = np.clip(where.astype(np.intp), 0, nodes - 2)
     t = where - place
@@ -220,6 +221,34 @@ def collection_mtf_bands(
     np.clip(result, 0.0, 1.0, out=result)
     result[:, frequency == 0.0] = 1.0
     return result
+
+
+def _every_mtf(frequency: FloatArray, diodes: list[tuple[float, float, float, float, Back]]) -> FloatArray:
+    """`collection_mtf` of diodes that differ in their absorption alone, (n, ...): all at once, with the bits of each alone."""
+    _, depletion, depth, length, back = diodes[0]
+    if not (0.0 < depth < np.inf and depletion < np.inf and frequency.size <= FEW):
+        return np.stack([collection_mtf(frequency, *diode) for diode in diodes])
+    at_zero, depleted, passed, absorption = (np.array(column)[:, None] for column in zip(*map(_constants, diodes), strict=True))
+    flat = frequency.reshape(-1)
+    decay = np.hypot(1.0 / length, (2.0 * np.pi) * flat)
+    below = depth * _field_free(decay * depth, absorption * depth, back)
+    ratio = np.minimum((depleted + passed * below) / at_zero, 1.0)
+    ratio[:, flat == 0.0] = 1.0
+    return ratio.reshape(len(diodes), *frequency.shape)
+
+
+@lru_cache(maxsize=4096)
+def _constants(diode: tuple[float, float, float, float, Back]) -> tuple[float, float, float, float]:
+    """What does not depend on the frequency: D(0)/alpha, what the depletion layer collects of it, what passes it; and alpha."""
+    return (float(_collection_per_absorption(0.0, *diode)), *_depleted(diode[0], diode[1]), diode[0])
+
+
+def _depleted(absorption: float, depletion: float) -> tuple[float, float]:
+    """Charge made in the depletion layer over alpha, um, and the share of the light that passes it."""
+    # as a product it would be a subnormal number of few digits, and the quotient wrong by per cents
+    weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
+    depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption
+    return depleted, float(np.exp(-absorption * depletion)) if depletion < np.inf else 0.0
 
 
 def _slopes(values: FloatArray) -> FloatArray:
@@ -249,10 +278,7 @@ def _diode(absorption: float, depletion: float, depth: float, length: float, bac
 def _collection_per_absorption(frequency: Floats, absorption: float, depletion: float, depth: float, length: float, back: str) -> Floats:
     """D(f)/alpha in um, which has a limit at alpha = 0."""
     frequency = require.floating(frequency)
-    # as a product it would be a subnormal number of few digits, and the quotient wrong by per cents
-    weak = absorption == 0.0 or absorption * depletion < np.finfo(float).tiny * 2.0**53
-    depleted = depletion if weak else float(-np.expm1(-absorption * depletion)) / absorption
-    passed = float(np.exp(-absorption * depletion)) if depletion < np.inf else 0.0
+    depleted, passed = _depleted(absorption, depletion)
     if passed == 0.0 or depth == 0.0:
         return np.full_like(frequency, depleted)[()]
     # hypot, not 1/sqrt(Ln^2/(1 + ...)): Ln may be infinite
@@ -265,8 +291,8 @@ def _collection_per_absorption(frequency: Floats, absorption: float, depletion: 
     return (depleted + passed * below).reshape(frequency.shape)[()]
 
 
-def _field_free(x: FloatArray, a: float, back: str) -> FloatArray:
-    """Charge from the field-free layer, the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f.
+def _field_free(x: FloatArray, a: Floats, back: str) -> FloatArray:
+    """Charge from the field-free layer, the integral of exp(-a y) g(x, y) over y in 0..1, for x = L/L_f and a, or a (n, 1).
 
     g is the chance to reach the top from depth y: sinh(x(1 - y))/sinh(x) over an absorbing back and
     cosh(x(1 - y))/cosh(x) over a reflecting one. With E1(u) = (1 - exp(-u))/u, which is 1 at 0, both are
@@ -276,17 +302,18 @@ def _field_free(x: FloatArray, a: float, back: str) -> FloatArray:
     """
     if back == "reflecting":
         return (_decline(a + x) + _returning(x, a)) / (1.0 + np.exp(-2.0 * x))
-    out = np.empty_like(x)
+    out = np.empty(np.broadcast_shapes(np.shape(a), x.shape), x.dtype)
     thick = ~(x < 1.0)  # NaN too
     far = x[thick]
-    out[thick] = (_decline(a + far) - _returning(far, a)) / -np.expm1(-2.0 * far)
+    out[..., thick] = (_decline(a + far) - _returning(far, a)) / -np.expm1(-2.0 * far)
     near = x[~thick]
     square = near * near
-    total = np.zeros_like(near)
-    for coefficient in _moments(a)[::-1]:
+    total = np.zeros((*np.shape(a)[:-1], near.size), x.dtype)
+    moments = np.moveaxis(np.array([_moments(float(one)) for one in np.ravel(a)]).reshape(*np.shape(a), -1), -1, 0)
+    for coefficient in moments[::-1].astype(x.dtype):
         total = total * square + coefficient
     # x/sinh(x), 1 at 0
-    out[~thick] = total * np.divide(near, np.sinh(near), out=np.ones_like(near), where=near > 0.0)
+    out[..., ~thick] = total * np.divide(near, np.sinh(near), out=np.ones_like(near), where=near > 0.0)
     return out
 
 
@@ -295,7 +322,7 @@ def _decline(u: FloatArray) -> FloatArray:
     return np.divide(-np.expm1(-u), u, out=np.ones_like(u), where=u != 0.0)
 
 
-def _returning(x: FloatArray, a: float) -> FloatArray:
+def _returning(x: FloatArray, a: Floats) -> FloatArray:
     """exp(-a - x) expm1(a - x)/(a - x), written so that no exponent is positive."""
     return _decline(np.abs(x - a)) * np.exp(-x - np.minimum(x, a))
 
@@ -308,7 +335,8 @@ def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
     return nodes, weights
 
 
-def _moments(a: float, count: int = 10) -> list[float]:
+@lru_cache(maxsize=4096)
+def _moments(a: float, count: int = 10) -> tuple[float, ...]:
     """Integrals of (1 - y)^(2k+1) exp(-a y) over y in 0..1, divided by (2k+1)!.
 
     Gauss-Legendre on three panels that follow the exponential's decay: below 1e-14 relative for any a. Ten
@@ -325,4 +353,4 @@ def _moments(a: float, count: int = 10) -> list[float]:
         result.append(float(np.sum(weighted * power)) / factorial)
         power = power * (1.0 - y) ** 2
         factorial *= (2 * k + 2) * (2 * k + 3)
-    return result
+    return tuple(result)

@@ -147,7 +147,7 @@ class Aberrations(Blur, Aberrated, Banded):
         return own if own.uniform else replace(own, low=None, high=None, contrast=None)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """The accuracy asked for, and what the bank leaves out between its heights and wavelengths."""
+        """The accuracy asked for, what the bank leaves out between its heights and wavelengths, and the cells of the pupil."""
         lines: Grid = grid["irradiance"]
         edges = lines.bands().values()
         height = farthest(lines) * 1e-3 / self.full_height
@@ -156,8 +156,10 @@ class Aberrations(Blur, Aberrated, Banded):
         between = min(1.0, 2.0 * waves**2) / (self.heights - 1) ** 2
         ratio = float(edges[-1]) / float(edges[0])
         colours = 0.25 * (ratio - 1.0) ** 2 / max(1, min(self.bands, len(edges)) - 1) ** 2 if len(edges) > self.bands else 0.0
+        steep = max(1.0, 4.0 * (waves + (abs(self.spherical) + abs(self.shift()) / (8.0 * self.cone_f_number() ** 2)) / shortest))
+        cells = 1.2e-4 * steep * (128 / self.pupil_samples) ** 2
         coarse = COARSE_ERROR if self.coarse(lines.line("x").step, shortest) else 0.0
-        return min(1.0, self.accuracy + coarse + between + colours + (1e-6 if precision == "float32" else 0.0)), "fitted"
+        return min(1.0, self.accuracy + coarse + between + colours + cells + (1e-6 if precision == "float32" else 0.0)), "fitted"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         return too_coarse(facts, grids["irradiance"], self.cone_f_number())

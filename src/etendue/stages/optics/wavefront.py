@@ -259,7 +259,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         return lambda nu: outline.at(2.0 * nu, place)
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of the transform pair, and of edges and points by how the transfer function is found (`benchmarks/pupil.py`)."""
+        """Of the transform pair, and rms over scenes by how the transfer function is found (points and edges: `benchmarks/pupil.py`)."""
         own = super().error(facts, grid, precision)[0]
         if self.aperture == "polygonal":
             own += 6e-6
@@ -268,7 +268,7 @@ class Wavefront(Blur, Aberrated, Transfer):
         shortest = float(grid["irradiance"].bands().values()[0]) * 1e-3
         if self.by_quadrature(shortest):
             return own + 3e-6, "measured"
-        slope = 4e-3 if self.round else 3.5e-4  # a round spot may be dark in its middle: dim against what errs
+        slope = 4e-3 if self.round else 1.2e-4  # a round spot may be dark in its middle: dim against what errs
         return min(1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2), "fitted"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:

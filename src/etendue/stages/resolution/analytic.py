@@ -7,19 +7,18 @@ Out: MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point se
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from etendue.api import InSilicon, Labels, Probe, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
 from etendue.spec.capabilities import ends_in_sum
 
-POINT_NODES = 160  # of the integral behind the picture of a point: 80 times its smallest detail is far enough
+NEARLY = 1e-6  # of a separation, by which its root may err where it is not solved for
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
 
 
@@ -53,18 +52,19 @@ def factor_of(stage: Any) -> str:
     return "diffusion" if isinstance(stage, InSilicon) else "lens"
 
 
-def gains(otf: Any, weights: Any, towards: tuple[float, float], nyquist: float, highest: float, nodes: int) -> Any:
+def half_contrast(otf: Any, weights: Any, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True) -> float:
+    """MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up to ``highest``."""
+    own = signed(otf, weights, towards, rendering=False)
+    grid = resolution.search_nodes(highest, nodes)
+    return resolution.Curve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
+
+
+def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: float) -> Any:
     """(factor,): MTF50 without each factor over MTF50 with it; of sampling, MTF50 over the Nyquist frequency, where above it.
 
     The rendering of the chart is no part of the camera and is left out. Where contrast then does not fall to one half up to
     ``highest``, it stands for that MTF50: no more is known. NaN where it does not with all of the camera.
     """
-    grid = resolution.search_nodes(highest, nodes)
-
-    def mtf50(camera: Any) -> float:
-        own = response(camera, weights, towards, rendering=False)
-        return resolution.falls_below(own, 0.5, grid, own(grid))
-
     whole = mtf50(otf)
     if math.isnan(whole):
         return np.full(len(FACTORS), math.nan)
@@ -116,23 +116,33 @@ class Resolution(Probe):
     rendering: bool = param(False, doc="whether the softness or the cells of the scene's chart belong to the curve")
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
+    solved: bool = param(
+        True, fidelity=True, reference="true: on the curve itself", settings=(False, True),
+        doc="whether crossings and contrast at the Nyquist frequency are asked of the curve itself; else splines on twice the nodes say",
+    )  # fmt: skip
+    point_nodes: int = param(
+        160, at_least=16, held=(16, 4096), fidelity=True, reference="320", settings=(48, 64, 96, 160, 320),
+        doc="of the integral behind the picture of a point, on which separations rest",
+    )  # fmt: skip
     nodes: int = param(
         512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 4096),
-        doc="frequencies at which a crossing is looked for",
+        doc="frequencies at which a crossing is looked for, with splines between them",
     )  # fmt: skip
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
-        weights = None if prepared is None else prepared[min(1, len(prepared) - 1)]
+        weights = None if prepared is None else _shares(prepared[min(1, len(prepared) - 1)])
         towards, nyquist = direction(self.angle), 0.5 / self.pixel_pitch
-        rows = [self.figures(otf, weights, towards, nyquist) for _, otf in transfers]
-        by_stage = {name: np.array([row[name] for row in rows]) for name in (*_FIGURES, "rayleigh", "sparrow")}
+        seen = [(otf, self.seen(otf, weights, towards)) for _, otf in transfers]
+        rows = [self.figures(otf, found, weights, towards, nyquist) for otf, found in seen]
+        by_stage = {name: np.array([row[name] for row in rows]) for name in _FIGURES}
         effective = np.fmin(by_stage["mtf50"], nyquist)
         effective = np.where(np.isnan(by_stage["mtf_nyquist"]), np.nan, effective)
         height = picture_height(transfers)
         last = [otf for _, otf in transfers if otf.weights is not None][:1] or [otf for _, otf in transfers][-1:]
         gain = np.full(len(FACTORS), np.nan)
         if last and last[0].whole:
-            gain = gains(last[0], weights, towards, nyquist, self.highest, self.nodes)
+            known = {} if self.rendering else {otf.parts: found.mtf50 for otf, found in seen if found is not None}
+            gain = gains(last[0], lambda otf: self.half(otf, weights, towards, known), nyquist, self.highest)
         return {
             **by_stage, "mtf50_lp_mm": by_stage["mtf50"] * 1e3, "nyquist": np.array(nyquist),
             "effective_lp_mm": effective * 1e3, "effective_cycles": effective * self.pixel_pitch,
@@ -140,27 +150,79 @@ class Resolution(Probe):
             "resolution_gain": gain, "limiting_factor": np.array(first_largest(gain)),
         }  # fmt: skip
 
-    def figures(self, otf: Any, weights: Any, towards: tuple[float, float], nyquist: float) -> dict[str, float]:
+    def seen(self, otf: Any, weights: Any, towards: tuple[float, float]) -> Seen | None:
+        """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all of the camera."""
         if not otf.whole:
-            return dict.fromkeys((*_FIGURES, "rayleigh", "sparrow"), math.nan)
-        grid = resolution.search_nodes(self.highest, self.nodes)
-        values = signed(otf, weights, towards, self.rendering)(grid)
-        contrast = response(otf, weights, towards, self.rendering)
-        found = resolution.resolved(contrast, nyquist, grid, np.abs(values), self.cut_off_contrast)
-        ends = self.highest if math.isnan(found.cut_off) else found.cut_off
-        curve = CubicSpline(grid, np.real(values))
-        spread = {
-            "rayleigh": two_points.rayleigh_separation(curve, ends, nodes=POINT_NODES),
-            "sparrow": two_points.sparrow_separation(curve, ends, nodes=POINT_NODES),
-        }
-        return {**{name: getattr(found, name) for name in _FIGURES}, **spread}
+            return None
+        own = signed(otf, weights, towards, self.rendering)
+
+        def make() -> Seen:
+            grid = resolution.search_nodes(self.highest, self.places())
+            curve = resolution.Curve(grid, own(grid))
+            crossings = curve.crossings(self.cut_off_contrast, (lambda f: np.abs(own(f))) if self.solved else None)
+            ends = self.highest if math.isnan(crossings[2]) else crossings[2]
+            within = 0.0 if self.solved else NEARLY
+            return Seen(curve, *crossings, *two_points.separations(curve.real, ends, nodes=self.point_nodes, within=within))
+
+        how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
+        return cast(Seen, otf.once(("resolution", _key(weights), towards, how), make))
+
+    def half(self, otf: Any, weights: Any, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
+        """MTF50 of a camera, remembered where it may come again."""
+        if otf.parts in known:
+            return known[otf.parts]
+        how = (self.highest, self.places(), self.solved)
+        return float(otf.once(("half", _key(weights), towards, how), lambda: half_contrast(otf, weights, towards, *how)))
+
+    def figures(self, otf: Any, seen: Seen | None, weights: Any, towards: tuple[float, float], nyquist: float) -> dict[str, float]:
+        if seen is None:
+            return dict.fromkeys(_FIGURES, math.nan)
+        if self.solved or nyquist > self.highest:
+            at_nyquist = float(np.abs(signed(otf, weights, towards, self.rendering)(np.array([nyquist])))[0])
+        else:
+            at_nyquist = max(float(seen.curve.contrast(nyquist)), 0.0)
+        return {
+            "mtf50": seen.mtf50, "mtf10": seen.mtf10, "cut_off": seen.cut_off, "mtf_nyquist": at_nyquist,
+            "aliasing": seen.curve.beyond(nyquist), "rayleigh": seen.rayleigh, "sparrow": seen.sparrow,
+        }  # fmt: skip
+
+    def places(self) -> int:
+        """Nodes of the splines."""
+        return self.nodes if self.solved else 2 * self.nodes
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of separations and energies, by the spline between nodes: 5e-5 from f/1.4 to f/22; frequencies are right to 1e-9."""
-        return 5e-5, "measured"
+        """Largest of all figures, relative of frequencies and separations: by splines, crossings of them, and the integral of a point.
+
+        Crossings that are solved are right to 1e-9, where splines are no worse than 1e-3. Below 48 nodes a point may lose its ring.
+        """
+        on_splines = 0.0 if self.solved else 1.7e-2 * (128 / self.places()) ** 1.5
+        points = 8e-5 * (48 / self.point_nodes) ** 2 if self.point_nodes >= 48 else 1.0
+        return min(1.0, 7e-3 * (128 / self.nodes) ** 3 + on_splines + points + 2e-6), "fitted"
 
 
-_FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing")
+@dataclass(frozen=True)
+class Seen:
+    """What is read from one curve, whatever the pitch."""
+
+    curve: resolution.Curve
+    mtf50: float
+    mtf10: float
+    cut_off: float
+    rayleigh: float
+    sparrow: float
+
+
+def _shares(weights: Any) -> Any:
+    """Of all photons, to 12 places: pixels of all pitches have the same to rounding, and so the same curves."""
+    weights = np.asarray(weights, dtype=float)
+    return np.round(weights / weights.sum(), 12)
+
+
+def _key(weights: Any) -> bytes:
+    return b"" if weights is None else weights.tobytes()
+
+
+_FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing", "rayleigh", "sparrow")
 
 
 def picture_height(transfers: Any) -> float:

@@ -17,7 +17,7 @@ from etendue.api import Labels, Probe, param, quantity
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.resolution import contrast, slanted_edge
 from etendue.physics.sensor import cfa
-from etendue.stages.resolution.analytic import FACTORS, first_largest, gains, picture_height, response
+from etendue.stages.resolution.analytic import FACTORS, first_largest, gains, half_contrast, picture_height, response
 from etendue.stages.resolution.edge_pictures import Edge, Picture, Window, known_edge, once_for
 from etendue.stages.sensor.masks import mask_of
 
@@ -93,12 +93,12 @@ class EdgeProbe(Probe):
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
     tails: bool = param(True, doc="whether light beyond the region is extrapolated; not under uneven light")
     draws: int = param(
-        400, at_least=50, at_most=100_000, fidelity=True, reference="6400 draws", settings=(50, 100, 200, 400, 1600, 6400),
+        400, at_least=50, at_most=100_000, fidelity=True, reference="6400 draws", studied=True, settings=(50, 100, 200, 400, 1600, 6400),
         doc="of the bootstrap",
     )  # fmt: skip
     highest: float = param(4.0, units="um-1", above=0, doc="where the search for the analytic MTF50 ends")
     nodes: int = param(
-        512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 4096),
+        512, at_least=16, held=(16, 16384), fidelity=True, reference="1024 nodes", settings=(64, 128, 256, 512, 1024),
         doc="frequencies at which a crossing is looked for",
     )  # fmt: skip
 
@@ -233,7 +233,10 @@ class EdgeProbe(Probe):
         gain = np.full(len(EVERY_FACTOR), math.nan)
         edges = [edge for *_, edge, _ in found if edge is not None]
         if pixel is not None and pixel.whole and edges:
-            gain[: len(FACTORS)] = gains(pixel, weights, _normal(edges[0]), nyquist, self.highest, self.nodes)
+            normal = _normal(edges[0])
+            gain[: len(FACTORS)] = gains(
+                pixel, lambda otf: half_contrast(otf, weights, normal, self.highest, self.nodes), nyquist, self.highest
+            )
         first = {variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)}  # picture of each kind
         if clipped:
             return gain, math.nan
@@ -251,8 +254,8 @@ class EdgeProbe(Probe):
         return gain, first_largest(np.where(np.isnan(gain), 0.0, gain)[:-1])
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
-        """Of a noise-free edge before the mosaic; with noise the interval says more."""
-        return 5e-3, "measured"
+        """Of a noise-free edge before the mosaic; with noise the interval says more. Of what the transfer functions say, by the nodes."""
+        return 5e-3 + 1e-6 * (64 / self.nodes) ** 3, "measured"
 
 
 _COLUMNS = (

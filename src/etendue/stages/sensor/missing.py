@@ -18,6 +18,10 @@ from etendue.api import Grid, Transfer
 from etendue.physics.light import expansion, scene_spectrum
 from etendue.spec.facts import Spectrum
 
+PART = 0.25
+"""Of light that could be strong at any frequency: a picture between black and full scale has at most half of it in its waves, rms, and
+never all at the worst frequency. Of random scenes and spectra, narrow ones too, an eighth of the whole is the most."""
+
 Weights = tuple[tuple[float, ...], ...]
 
 
@@ -34,7 +38,7 @@ def of_the_light(
     light : Grid
         Of the light.
     spectrum : Spectrum or None
-        Of the segment's input; None: equally strong in every band at the frequency where that is worst.
+        Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is worst.
     passed : function
         What a pixel leaves of a radial frequency.
     terms : int
@@ -55,7 +59,7 @@ def of_the_light(
     missing = _missing(weights, before, edges, corner, tuple(map(float, frequency)), terms, kept * 0.5 / max(steps))
     lost = scene_spectrum.largest_in_rings(missing * passed(frequency))
     if spectrum is None:
-        return float(lost.sum(axis=1).max())
+        return PART * float(lost.sum(axis=1).max())
     amplitude = np.einsum("clr,lr->cr", lost, np.sqrt(np.array(spectrum.power)))
     full = np.array(weights) @ np.array(spectrum.high)
     rms = np.sqrt((amplitude**2).sum(axis=1))
