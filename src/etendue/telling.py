@@ -11,8 +11,7 @@ import os
 import re
 import sys
 import unicodedata
-from collections.abc import Iterator
-from contextlib import contextmanager
+from typing import Any, Literal
 
 from etendue.errors import EtendueError, PluginError
 from etendue.interrupts import is_ours
@@ -97,20 +96,24 @@ def told(error: BaseException) -> str:
     return "\n".join((*(plain(line) for line in lines), said(error)))
 
 
-@contextmanager
-def foreign(what: str) -> Iterator[None]:
+class foreign:
     """Code of a plugin: whatever it raises, signals of the user aside, becomes a ``PluginError`` that says what broke.
 
     A ``ValueError`` stays what it is: so a stage says that it cannot serve. So do errors raised on purpose.
     """
-    try:
-        yield
-    except (EtendueError, ValueError):
-        raise
-    except BaseException as error:
-        if is_ours(error):
-            raise
-        raise PluginError(f"{what} broke off: {where(error)}{said(error)}") from error
+
+    __slots__ = ("what",)
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> Literal[False]:
+        if error is not None and not isinstance(error, EtendueError | ValueError) and not is_ours(error):
+            raise PluginError(f"{self.what} broke off: {where(error)}{said(error)}") from error
+        return False
 
 
 def where(error: BaseException) -> str:

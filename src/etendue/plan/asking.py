@@ -108,6 +108,8 @@ def described(stage: Any) -> tuple[Facts, Mapping[str, Grid]]:
 
 def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
     """What ``grid`` says of what a stage writes; nothing where it has none."""
+    if type(stage).grid is Stage.grid:
+        return {}
     with foreign(_name(stage, "grid")):
         try:
             found = stage.grid(dict(inputs))
@@ -117,6 +119,8 @@ def grids_of(stage: Any, inputs: Mapping[str, Grid]) -> Mapping[str, Grid]:
 
 
 def carried(stage: Any, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
+    if type(stage).carry is Stage.carry:
+        return UNKNOWN
     with foreign(_name(stage, "carry")):
         try:
             found = stage.carry(dict(facts), dict(grids))

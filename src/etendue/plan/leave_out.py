@@ -85,10 +85,12 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
     """The largest share of all variance that one source brings, between the darkest and the brightest pixel."""
     if facts.low is None or facts.high is None:
         return None
+    low, high = max(facts.low, 0.0), max(facts.high, 0.0)
+    if low == 0 or stage.variance(low) > low:  # shot noise is always there, and this is more
+        return None
     every = noises()
     if every is None:
         return None
-    low, high = max(facts.low, 0.0), max(facts.high, 0.0)
     share = 0.0
     for step in range(LEVELS):
         level = low + (high - low) * (step / (LEVELS - 1)) ** 2

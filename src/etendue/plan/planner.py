@@ -16,6 +16,7 @@ from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import Stage
 from etendue.telling import plain
 
 
@@ -68,9 +69,15 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
+    among: dict[int, list[str]] = {}  # by stage: it serves many cells
     for cell in cells.values():
+        kind = type(cell.stage)
         try:
-            found = asking.texts(cell.stage, "warn", cell.facts, cell.input_grids) + asking.texts(cell.stage, "warn_among", uses)
+            found = [] if kind.warn is Stage.warn else asking.texts(cell.stage, "warn", cell.facts, cell.input_grids)
+            if kind.warn_among is not Stage.warn_among:
+                if id(cell.stage) not in among:
+                    among[id(cell.stage)] = asking.texts(cell.stage, "warn_among", uses)
+                found += among[id(cell.stage)]
         except ValueError as error:
             raise RequestError([Fault(places[cell.node], plain(str(error)))]) from None
         except PluginError as error:

@@ -97,7 +97,7 @@ def state_of(name: str) -> tuple[int, int]:
 
 def check_camera(name: str) -> None:
     """Refuse an unknown camera; the path of a CSV table and ``flat`` pass."""
-    if not spectrum(name) and name != "flat":
+    if name not in tables("camera") and not spectrum(name) and name != "flat":
         require_name(name, [*tables("camera"), *brought()], "camera", "the path of a CSV table, or flat")
 
 

@@ -7,7 +7,6 @@ Out: the rms of what is missing, relative to what a channel reads in the brighte
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from etendue import effects
 from etendue.api import Grid, Transfer
 from etendue.physics.light import expansion, scene_spectrum
+from etendue.physics.sensor import photodiode
 from etendue.spec.facts import Spectrum
 
 PART = 0.25
@@ -26,7 +26,7 @@ Weights = tuple[tuple[float, ...], ...]
 
 
 def of_the_light(
-    weights: Weights, before: tuple[Transfer, ...], light: Grid, spectrum: Spectrum | None, passed: Callable[[Any], Any], terms: int,
+    weights: Weights, before: tuple[Transfer, ...], light: Grid, spectrum: Spectrum | None, width: float, terms: int,
     kept: float,
 ) -> float:  # fmt: skip
     """Of the worst channel.
@@ -39,8 +39,8 @@ def of_the_light(
         Of the light.
     spectrum : Spectrum or None
         Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is worst.
-    passed : function
-        What a pixel leaves of a radial frequency.
+    width : float
+        Of the light-sensitive square, um.
     terms : int
         0: every band is read for itself.
     kept : float
@@ -55,26 +55,42 @@ def of_the_light(
     steps = (light.line("y").step, light.line("x").step)
     corner = 0.5 * math.hypot(1 / steps[0], 1 / steps[1])
     rings = spectrum.edges if spectrum is not None else tuple(np.linspace(0.0, corner, expansion.FITTED))
-    frequency = scene_spectrum.frequencies_in(np.array(rings))
-    missing = _missing(weights, before, edges, corner, tuple(map(float, frequency)), terms, kept * 0.5 / max(steps))
-    lost = scene_spectrum.largest_in_rings(missing * passed(frequency))
+    missing = _missing(weights, before, edges, corner, rings, terms, kept * 0.5 / max(steps))
+    lost = scene_spectrum.largest_in_rings(missing * passed(width, rings))
     if spectrum is None:
         return PART * float(lost.sum(axis=1).max())
-    amplitude = np.einsum("clr,lr->cr", lost, np.sqrt(np.array(spectrum.power)))
+    amplitude = np.einsum("clr,lr->cr", lost, _amplitudes(spectrum))
     full = np.array(weights) @ np.array(spectrum.high)
     rms = np.sqrt((amplitude**2).sum(axis=1))
     return float(np.divide(rms, full, out=np.zeros_like(rms), where=full > 0).max())
 
 
+@lru_cache(64)
+def _amplitudes(spectrum: Spectrum) -> Any:
+    """(wavelength, ring): rms of what every ring holds."""
+    return np.sqrt(np.array(spectrum.power))
+
+
+@lru_cache(256)
+def passed(width: float, rings: tuple[float, ...]) -> Any:
+    """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all directions."""
+    frequency = scene_spectrum.frequencies_in(np.array(rings))
+    found = np.zeros_like(frequency)
+    for angle in np.linspace(0, math.pi / 4, 7):
+        along, across = math.cos(angle) * frequency, math.sin(angle) * frequency
+        found = np.maximum(found, np.abs(photodiode.aperture_otf(along, width) * photodiode.aperture_otf(across, width)))
+    return found
+
+
 @lru_cache(256)
 def _missing(
-    weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, frequency: tuple[float, ...], terms: int,
+    weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, rings: tuple[float, ...], terms: int,
     limit: float,
 ) -> Any:  # fmt: skip
     """(channel, wavelength, frequency): the largest part of every band that is lost, over all directions."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
-    points = np.array(frequency)
+    points = scene_spectrum.frequencies_in(np.array(rings))
     transfer = effects.in_directions(before, edges, points)
     beyond = points > limit
     whole = np.abs(own[:, :, None] * transfer[:, None])

@@ -180,7 +180,8 @@ class Pixel(Collecting, Summed):
         if not few and self.kept_frequencies == 1:
             return bound, how
         lost = missing.of_the_light(
-            self.normalised(light.bands().edges), before, light, facts["irradiance"].spectrum, self.passed,
+            self.normalised(light.bands().edges), before, light, facts["irradiance"].spectrum,
+            self.pixel_pitch * self.aperture_fraction,
             self.wavelength_terms if few else 0, self.kept_frequencies,
         )  # fmt: skip
         return bound + lost, "fitted"
@@ -194,15 +195,6 @@ class Pixel(Collecting, Summed):
 
     def kept(self) -> float:
         return self.kept_frequencies
-
-    def passed(self, frequency: Any) -> Any:
-        """The largest value of the aperture's transfer function at a radial frequency, over all directions."""
-        width = self.pixel_pitch * self.aperture_fraction
-        found = np.zeros_like(frequency)
-        for angle in np.linspace(0, math.pi / 4, 7):
-            along, across = math.cos(angle) * frequency, math.sin(angle) * frequency
-            found = np.maximum(found, np.abs(photodiode.aperture_otf(along, width) * photodiode.aperture_otf(across, width)))
-        return found
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         """Charge between that of the darkest and of the brightest light, in any channel."""
