@@ -290,3 +290,18 @@ class MadeOfThree(Sound):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         return Facts(low=facts["stack"].low, high=facts["stack"].high)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackwardLadder(Sound):
+    """Its settings go from the reference to the cheapest."""
+
+    terms: int = param(4, at_least=1, fidelity=True, reference="1", settings=(8, 4, 1))
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return 10.0**-self.terms, "fitted"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingOutOfRange(Sound):
+    terms: int = param(4, at_least=2, fidelity=True, reference="8", settings=(1, 4, 8))

@@ -30,6 +30,8 @@ BROKEN = [
     (broken.NoValue, "test_it_is_a_value", "not hashable"),
     (broken.BareParameter, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "without param"),
     (broken.DefaultOutOfRange, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "default is refused"),
+    (broken.SettingOutOfRange, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "own setting 1 is refused"),
+    (broken.BackwardLadder, "test_a_finer_setting_states_no_larger_error", "cheaper 8"),
     (broken.OtherUnit, "test_every_parameter_has_a_unit_and_refuses_what_is_out_of_range", "in mm"),
     (broken.OtherUnitOfAVariable, "test_the_declaration_is_well_formed", "writes charge in DN, which is in electron"),
     (broken.Remembering, "test_bits_do_not_depend_on_repetition_company_or_thread", "other bits"),

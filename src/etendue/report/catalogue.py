@@ -38,7 +38,9 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
         parameters[key] = {
             "type": getattr(kind_of, "__name__", str(kind_of)), "units": parameter.units, "default": value, "required": default is MISSING,
             "range": parameter.shown_range(), "choices": list(parameter.choices) if parameter.choices else None,
-            "camera": parameter.camera, "fidelity": parameter.reference or None, "doc": parameter.doc,
+            "camera": parameter.camera, "fidelity": parameter.reference or None,
+            "settings": ["inf" if v == math.inf else v for v in parameter.settings] if parameter.settings else None,
+            "studied": parameter.studied, "doc": parameter.doc,
         }  # fmt: skip
     return {
         **document,

@@ -7,7 +7,6 @@ Out: the field of a dataclass.
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 MISSING = dataclasses.MISSING
@@ -26,8 +25,8 @@ class Parameter:
     camera: bool = False
     fidelity: bool = False
     reference: str = ""
-    settings: tuple[Any, ...] = ()  # of a fidelity knob, from the cheapest to the reference
-    grid: bool = False  # it changes the grid or the drawing of what is written: varied by accuracy studies alone
+    settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
+    studied: bool = False  # of a fidelity parameter: it changes a grid or what a scene shows, so that studies vary it and no plan does
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
@@ -53,12 +52,6 @@ class Parameter:
             return self.range_text()
         return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
 
-    @property
-    def closed_form(self) -> bool:
-        """Whether the reference is no finite setting: its last setting is 0, no number, or has no end."""
-        last = self.settings[-1] if self.settings else None
-        return last is None or isinstance(last, str | bool) or last == 0 or math.isinf(last)
-
     def allows(self, value: float) -> bool:
         return (
             (self.above is None or value > self.above)
@@ -73,10 +66,22 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
     parameter = Parameter(**allowed)
     if parameter.fidelity and not parameter.reference:
         raise TypeError("a fidelity parameter names its reference: param(..., fidelity=True, reference='...')")
-    if parameter.settings and not parameter.fidelity:
-        raise TypeError("settings are those of a fidelity parameter: param(..., fidelity=True, reference='...', settings=(...))")
+    if not parameter.fidelity and (parameter.settings or parameter.studied):
+        raise TypeError("only a fidelity parameter has settings or is studied: param(..., fidelity=True, reference='...', settings=(...))")
+    if parameter.settings and not _lies_within(default, parameter.settings):
+        raise TypeError(f"settings go from the cheapest to the reference, the default {default!r} among them; got {parameter.settings}")
     return (
         dataclasses.field(default=default, metadata={"parameter": parameter})
         if default is not MISSING
         else dataclasses.field(metadata={"parameter": parameter})
     )
+
+
+def _lies_within(default: Any, settings: tuple[Any, ...]) -> bool:
+    """Whether a default is one of the settings, or a number between the first and the last of settings that differ."""
+    if len(settings) < 2 or len(set(settings)) < len(settings):
+        return False
+    if default in settings:
+        return True
+    ends = (settings[0], settings[-1])
+    return all(isinstance(value, int | float) for value in (default, *ends)) and min(ends) < default < max(ends)

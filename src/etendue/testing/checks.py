@@ -20,7 +20,7 @@ from etendue.spec import camera
 from etendue.spec.capabilities import is_source
 from etendue.spec.facts import Facts
 from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.stage import Stage
+from etendue.spec.stage import Stage, parameters_of
 from etendue.spec.units import UnitError, parse_unit
 from etendue.testing.bench import (
     CLEAR,
@@ -54,6 +54,15 @@ def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> Trial:
     thread.join()
     hold(bool(found), f"{bench.name} cannot be computed in a fresh thread")
     return found[0]
+
+
+def along_ladder(stage: Stage, name: str) -> Iterator[tuple[Any, Stage]]:
+    """A stage with each setting of a knob that it does not refuse, from the cheapest to the reference."""
+    for value in parameters_of(type(stage))[name][0].settings:
+        try:
+            yield value, dataclasses.replace(stage, **{name: value})
+        except ValueError:
+            continue
 
 
 def with_value(array: Any, value: float) -> Any:
@@ -172,6 +181,11 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
     except UnitError as error:
         raise LawBroken(f"{place}: {error}") from None
     hold(not parameter.fidelity or bool(parameter.reference), f"{place} is a fidelity parameter without a reference")
+    for value in parameter.settings:
+        try:
+            resolve(value, parameter, kind, Path.cwd())
+        except Unfit as error:
+            raise LawBroken(f"{place}: its own setting {value!r} is refused: {error}") from None
     if parameter.camera and name in camera.names():
         shared = standard_quantity(name)
         hold(shared.units == parameter.units, f"{place} is in {parameter.units}, the camera's {name} in {shared.units}; use quantity()")

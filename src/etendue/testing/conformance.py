@@ -38,6 +38,7 @@ from etendue.testing.bench import (
     largest_difference,
 )
 from etendue.testing.checks import (
+    along_ladder,
     bound_of,
     check_facts,
     check_gain,
@@ -336,6 +337,25 @@ class StageConformance:
         if not is_transfer(bench.kind):
             return
         check_transfer(bench)
+
+    def test_a_finer_setting_states_no_larger_error(self) -> None:
+        """Along the settings of a knob, from the cheapest to the reference, the stated error never grows."""
+        bench = self.bench
+        if bench.kind.error is Stage.error:
+            return
+        for name, (parameter, _, _) in parameters_of(bench.kind).items():
+            if parameter.studied:
+                continue
+            last, before = math.inf, None
+            for value, stage in along_ladder(self.stage, name):
+                try:
+                    bound = Bench(stage, self.grids, self.scales).own_error(bench.arrays("ordinary"), "float64")
+                except ValueError:
+                    continue  # a setting that the stage refuses on this grid
+                if bound is None:
+                    raise LawBroken(f"{stage!r} states no error, but may with another {name}")
+                hold(bound <= last, f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}")
+                last, before = bound, value
 
     def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
         """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some wavelengths."""

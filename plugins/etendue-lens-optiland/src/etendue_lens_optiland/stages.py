@@ -80,25 +80,28 @@ class Blur(Moved, Banded, Bounded):
     fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles at which a point is traced")
     heights: int = param(
         0, at_least=0, at_most=200, fidelity=True, reference="twice as many heights",
-        doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: fields",
+        doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: fields, which is "
+        "another lens and no cheaper setting, so that there is no order to begin with",
     )  # fmt: skip
     wavelengths: tuple[float, ...] = param(
         (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which a point is traced; mixed linearly in between"
     )
     pupil_samples: int = param(
-        128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil, at least"
-    )
+        128, at_least=16, at_most=1024, fidelity=True, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
+        doc="cells across the pupil, at least",
+    )  # fmt: skip
     lost: float = param(
-        0.02, above=0, at_most=0.5, fidelity=True, reference="a tenth of it", doc="flux of a picture that may lie outside its window"
-    )
+        0.02, above=0, at_most=0.5, fidelity=True, reference="2e-3", settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
+        doc="flux of a picture that may lie outside its window",
+    )  # fmt: skip
     window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
     tolerance: float = param(
-        0.1, above=0, below=1, fidelity=True, reference="a tenth of it",
+        0.1, above=0, below=1, fidelity=True, reference="1e-3", settings=(0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
         doc="bound on the largest error of the convolution for any scene, as a share of full scale; photographs err by a tenth of it",
     )  # fmt: skip
     method: str = param(
         "tiles", choices=("auto", "eigen", "tiles"), fidelity=True, reference="the other method",
-        doc="blended tiles, an expansion in eigen-PSFs, or whichever is cheaper",
+        doc="blended tiles, an expansion in eigen-PSFs, or whichever is cheaper; all keep the tolerance: no order of them is one of errors",
     )  # fmt: skip
     weights: str = param(
         "source", choices=("source", "image"), doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly"
@@ -177,18 +180,18 @@ class Distortion(Moved, Banded, Bounded):
     gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
     nanoseconds: ClassVar = 350.0
 
-    nodes: int = param(17, at_least=4, at_most=500, fidelity=True, reference="twice as many", doc="fields from the axis to the corner")
+    nodes: int = param(
+        17, at_least=4, at_most=500, fidelity=True, reference="129 fields", settings=(5, 9, 17, 33, 65, 129),
+        doc="fields from the axis to the corner",
+    )  # fmt: skip
     order: int = param(
-        5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", doc="of the spline between samples"
-    )
+        5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", settings=(1, 2, 3, 5),
+        doc="of the spline between samples",
+    )  # fmt: skip
     oversampling: int = param(
-        1,
-        at_least=1,
-        at_most=8,
-        fidelity=True,
-        reference="order 5 with oversampling 4",
+        1, at_least=1, at_most=8, fidelity=True, reference="order 5 with oversampling 4", settings=(1, 2, 4),
         doc="samples per sample that the spline goes through",
-    )
+    )  # fmt: skip
 
     def prepare(self, coordinates: Any) -> Any:
         wavelengths = tuple(float(w) * 1e-3 for w in coordinates["wavelength"])
@@ -242,8 +245,14 @@ class Illumination(Moved, Banded):
     wavelengths: tuple[float, ...] = param(
         (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which cones are traced; mixed linearly in between"
     )
-    nodes: int = param(9, at_least=4, at_most=200, fidelity=True, reference="twice as many", doc="fields from the axis to the corner")
-    pupil_samples: int = param(64, at_least=16, at_most=512, fidelity=True, reference="twice as many", doc="cells across the pupil")
+    nodes: int = param(
+        9, at_least=4, at_most=200, fidelity=True, reference="65 fields", settings=(5, 9, 17, 33, 65),
+        doc="fields from the axis to the corner",
+    )  # fmt: skip
+    pupil_samples: int = param(
+        64, at_least=16, at_most=512, fidelity=True, reference="512 samples", settings=(16, 32, 64, 128, 256, 512),
+        doc="cells across the pupil",
+    )  # fmt: skip
 
     def prepare(self, coordinates: Any) -> Any:
         y, x = coordinates["y_um"], coordinates["x_um"]
@@ -294,7 +303,10 @@ class Numbers(RealLens):
 
     fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles")
     wavelengths: tuple[float, ...] = param((450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="wavelengths")
-    pupil_samples: int = param(128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil")
+    pupil_samples: int = param(
+        128, at_least=16, at_most=1024, fidelity=True, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
+        doc="cells across the pupil",
+    )  # fmt: skip
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         self.opened()

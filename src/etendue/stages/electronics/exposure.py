@@ -87,7 +87,7 @@ class ShotNoise(Sampled, Noisy):
     noise: str = quantity("noise")
     exact_below: float = param(
         30.0, units="electron", at_least=10, infinite=True, fidelity=True, reference="inf: exact Poisson at every mean",
-        settings=(30.0, 100.0, float("inf")),
+        settings=(30.0, 100.0, 300.0, 1000.0, math.inf),
         doc="above this mean the draw is a Cornish-Fisher form within 1e-3 of Poisson in total variation",
     )  # fmt: skip
 

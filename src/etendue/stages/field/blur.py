@@ -57,12 +57,13 @@ class LensPsfField(Banded, Bounded):
 
     file: str = param(file=True, doc="point spread functions by height and wavelength, .npz or .csv")
     tolerance: float = param(
-        0.01, above=0, below=1, fidelity=True, reference="a tenth of it",
+        0.01, above=0, below=1, fidelity=True, reference="1e-3", settings=(0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
         doc="bound on the largest error of the convolution for any scene, as a share of full scale; edges err by a third to a tenth of it",
     )  # fmt: skip
     method: str = param(
-        "auto", choices=("auto", "eigen", "tiles"), fidelity=True, reference="the other method", doc="auto: whichever is cheaper"
-    )
+        "auto", choices=("auto", "eigen", "tiles"), fidelity=True, reference="the other method",
+        doc="auto: whichever is cheaper; both keep the tolerance: no order of them is one of errors",
+    )  # fmt: skip
     weights: str = param(
         "source", choices=("source", "image"), doc="a point's flux is kept exactly, or a uniform plane stays uniform exactly"
     )
@@ -155,16 +156,13 @@ class Distortion(Banded, Bounded):
     lateral_colour: float = param(0.0, above=-0.1, below=0.1, doc="relative change of the image's scale for 100 nm more wavelength")
     reference_wavelength: float = param(550.0, units="nm", above=0, doc="wavelength that lateral colour leaves where it is")
     order: int = param(
-        5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", doc="of the spline between samples"
-    )
+        5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", settings=(1, 2, 3, 5),
+        doc="of the spline between samples",
+    )  # fmt: skip
     oversampling: int = param(
-        1,
-        at_least=1,
-        at_most=8,
-        fidelity=True,
-        reference="order 5 with oversampling 4",
+        1, at_least=1, at_most=8, fidelity=True, reference="order 5 with oversampling 4", settings=(1, 2, 4),
         doc="samples per sample that the spline goes through",
-    )
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.table and (self.k1 or self.k2 or self.k3):

@@ -105,7 +105,8 @@ class LensPsf(Blur, Transfer):
 
     file: str = param(file=True, doc="CSV with columns radius_um, psf")
     nodes: int = param(
-        16384, at_least=64, held=(64, 1_000_000), fidelity=True, reference="direct evaluation at every frequency",
+        16384, at_least=64, held=(64, 1_000_000), fidelity=True,
+        reference="262144: direct evaluation but for 1e-8", settings=(256, 1024, 4096, 16384, 65536, 262_144),
         doc="radial frequencies at which the transform is evaluated; linear between them",
     )  # fmt: skip
 

@@ -94,6 +94,7 @@ class Wavefront(Blur, Aberrated, Transfer):
     field_x: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
     pupil_samples: int = param(
         128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, reference="Gauss quadrature over the shared area, or 2048 samples",
+        settings=(16, 32, 64, 128, 256, 512, 1024, 2048),
         doc="cells across the pupil for aberrations that are not round; steep ones take more",
     )  # fmt: skip
 

@@ -117,14 +117,9 @@ class Resolution(Probe):
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
     nodes: int = param(
-        512,
-        at_least=16,
-        held=(16, 16384),
-        fidelity=True,
-        reference="twice the nodes",
-        settings=(32, 64, 128, 256, 512, 1024, 2048),
+        512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 4096),
         doc="frequencies at which a crossing is looked for",
-    )
+    )  # fmt: skip
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
         weights = None if prepared is None else prepared[min(1, len(prepared) - 1)]

@@ -92,11 +92,15 @@ class EdgeProbe(Probe):
     encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
     exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
     tails: bool = param(True, doc="whether light beyond the region is extrapolated; not under uneven light")
-    draws: int = param(400, at_least=50, at_most=100_000, fidelity=True, reference="four times the draws", doc="of the bootstrap")
+    draws: int = param(
+        400, at_least=50, at_most=100_000, fidelity=True, reference="6400 draws", settings=(50, 100, 200, 400, 1600, 6400),
+        doc="of the bootstrap",
+    )  # fmt: skip
     highest: float = param(4.0, units="um-1", above=0, doc="where the search for the analytic MTF50 ends")
     nodes: int = param(
-        512, at_least=16, held=(16, 16384), fidelity=True, reference="twice the nodes", doc="frequencies at which a crossing is looked for"
-    )
+        512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 4096),
+        doc="frequencies at which a crossing is looked for",
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         if (self.region_height > 0) != (self.region_width > 0):

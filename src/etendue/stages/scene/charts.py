@@ -46,7 +46,7 @@ class Scene(Source, Banded):
     width: float = param(1000.0, units="um", above=0, doc="width of the light on the image plane")
     height: float = param(1000.0, units="um", above=0, doc="height of the light on the image plane")
     spacing: float = param(
-        1.0, units="um", above=0, fidelity=True, reference="half the spacing", grid=True, settings=(8.0, 4.0, 2.0, 1.0, 0.5, 0.25),
+        1.0, units="um", above=0, fidelity=True, reference="a quarter of a um", studied=True, settings=(4.0, 2.0, 1.0, 0.5, 0.25),
         doc="distance between samples; half of it resolves twice the frequency",
     )  # fmt: skip
     light: str = param(
@@ -58,7 +58,7 @@ class Scene(Source, Banded):
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(
-        10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", grid=True, settings=(80.0, 40.0, 20.0, 10.0, 5.0, 2.5, 1.0),
+        10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", studied=True, settings=(40.0, 20.0, 10.0, 5.0, 2.0, 1.0),
         doc="width of a wavelength bin",
     )  # fmt: skip
 
@@ -160,7 +160,8 @@ class Scene(Source, Banded):
 
 def _softness() -> Any:
     return param(
-        1.0, at_least=0, fidelity=True, reference="the ideal chart", grid=True,
+        1.0, at_least=0, fidelity=True, reference="the ideal chart", studied=True,
+        settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
         doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
     )  # fmt: skip
 

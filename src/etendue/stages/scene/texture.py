@@ -30,12 +30,14 @@ class DeadLeaves(Scene):
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
     softness: float = param(
-        1.0, at_least=0, held=(0, 100), fidelity=True, reference="the ideal chart", grid=True,
+        1.0, at_least=0, held=(0, 100), fidelity=True, reference="the ideal chart", studied=True,
+        settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
         doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
     )  # fmt: skip
     oversampling: int = param(
-        4, at_least=1, at_most=32, fidelity=True, reference="32", doc="leaves are painted on cells so many times finer than the samples"
-    )
+        4, at_least=1, at_most=32, fidelity=True, reference="32", settings=(1, 2, 4, 8, 16, 32),
+        doc="leaves are painted on cells so many times finer than the samples",
+    )  # fmt: skip
 
     def chart(self) -> dead_leaves.Leaves:
         return dead_leaves.leaves(self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent)

@@ -50,7 +50,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
     crosstalk: str = quantity("crosstalk")
     nodes: int = param(
         4096, at_least=0, at_most=1_000_000, fidelity=True, reference="0: evaluated at every frequency",
-        settings=(32, 64, 128, 256, 512, 1024, 2048, 4096, 0),
+        settings=(64, 128, 256, 512, 1024, 4096, 0),
         doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ class Pixel(Collecting, Summed):
     window_columns: int = param(0, at_least=0, doc="columns of the window; 0: all")
     wavelength_terms: int = param(
         0, at_least=0, at_most=32, fidelity=True, reference="0: every band its own transform",
-        settings=(3, 4, 5, 6, 7, 8, 9, 12, 16, 0),
+        settings=(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 32, 0),
         doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve most lenses",
     )  # fmt: skip
 
