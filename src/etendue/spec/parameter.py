@@ -7,6 +7,7 @@ Out: the field of a dataclass.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 MISSING = dataclasses.MISSING
@@ -51,6 +52,12 @@ class Parameter:
         if self.held is None:
             return self.range_text()
         return f"{self.range_text()}; computed from {self.held[0]:g} to {self.held[1]:g}".removeprefix("; ")
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the reference is no finite setting: its last setting is 0, no number, or has no end."""
+        last = self.settings[-1] if self.settings else None
+        return last is None or isinstance(last, str | bool) or last == 0 or math.isinf(last)
 
     def allows(self, value: float) -> bool:
         return (
