@@ -44,6 +44,13 @@ def test_an_expansion_that_converges_by_a_factor_a_term_is_called_so():
     assert found.order == pytest.approx(1.5, rel=1e-9)
 
 
+def test_an_order_is_that_of_the_settings_in_front_of_a_plateau():
+    settings_ = [8, 16, 32, 64, 128, 256, 512]
+    found = convergence(settings_, [max(n**-4.0, 2e-7) for n in settings_])
+    assert found.settings == (8.0, 16.0, 32.0)
+    assert found.order == pytest.approx(4)
+
+
 def test_what_the_reference_does_not_know_shows_no_order():
     errors = [1e-2, 1e-4, 1e-6, 1e-8]
     assert convergence([8, 16, 32, 64], errors, floor=1e-7).settings == (8.0, 16.0)

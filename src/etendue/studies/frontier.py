@@ -15,6 +15,7 @@ import numpy as np
 
 ROUNDING = 3e-15  # errors below are those of 64 bits
 LARGEST = 0.1  # errors above do not converge yet
+PLATEAU = 0.9  # errors that fall by less have ended falling
 _Point = TypeVar("_Point")
 
 
@@ -32,7 +33,7 @@ def convergence(settings: Sequence[Any], errors: Sequence[float | None], floor: 
     """The law by which errors fall from setting to setting; of the two the one with the smaller residual in log error.
 
     An order is the median of those between neighbours among the finest four settings that show it. Settings do not count from which on the
-    error falls by less than a half: something else is larger there.
+    error falls by less than a tenth: something else is larger there.
 
     Parameters
     ----------
@@ -46,8 +47,9 @@ def convergence(settings: Sequence[Any], errors: Sequence[float | None], floor: 
         for s, e in zip(settings, errors, strict=True)
         if isinstance(s, int | float) and not isinstance(s, bool) and 0 < s < math.inf and e is not None and least < e < LARGEST
     ]
-    falling = [i for i, (_, e) in enumerate(used) if min((x for _, x in used[i + 1 :]), default=0.0) < 0.5 * e]
-    used = used[: max(falling) + 1] if falling else []  # behind these something else is larger
+    falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
+    if not falling or falling[-1] < len(used) - 2:  # behind these something else is larger
+        used = used[: falling[-1] + 1] if falling else []
     if len(used) < 3:
         return Convergence(None, "", tuple(s for s, _ in used))
     size, error = (np.array(values) for values in zip(*used, strict=True))
