@@ -183,6 +183,9 @@ def charge_stage(pipeline):
         ({"diffusion.node": ()}, "diffusion.nodes"),
         ({"sharpen.strength": ()}, "no stage of this pipeline has such a fidelity parameter"),
         ({"diffusion.nodes": (64,)}, "two or more"),
+        ({"diffusion.nodes": (64, "many")}, "many"),
+        ({"diffusion.nodes": (-1, 0)}, "at least 0"),
+        ({"precision": ("float16", "float64")}, "float32 and float64"),
     ],
 )
 def test_a_knob_that_is_none_is_refused(camera, asked, message):

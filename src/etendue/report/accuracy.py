@@ -162,7 +162,7 @@ def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
         words = [f"{one['tolerance']:.0e}", _number(one["error"]), _seconds(one["seconds"])]
         if document["verified_at"]:
             words.insert(2, _number(one["elsewhere"]))
-        rows.add_row(*words, escape(_settings(one["settings"], reference)) if one["settings"] else "none")
+        rows.add_row(*words, "none" if one["settings"] is None else escape(_settings(one["settings"], reference)))
     console.print(rows)
     planned = document["planned"]
     console.print(f"as planned  error {_number(planned['error'])}, {_seconds(planned['seconds'])}")

@@ -17,11 +17,13 @@ from typing import Any
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plan.ancestry import behind
 from etendue.plan.model import Plan
+from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.run.tables import TABLES
 from etendue.session import Collected, Options, collect
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import parameters_of
 from etendue.spec.variables import variable as known_variable
 from etendue.studies.differences import difference
 from etendue.studies.frontier import ROUNDING, Convergence, cheapest, combinations, convergence, front, remaining
@@ -111,8 +113,9 @@ def accuracy(
     RequestError
         The pipeline is wrong, or has no such knob.
     """
-    study = _Study(pipeline, registry, chosen_knobs(pipeline, registry, asked), cells, repeat, told)
-    other = None if elsewhere is None else _Study(elsewhere, registry, study.knobs, cells, 1, told)
+    given = frozenset(key for key, values in asked.items() if values)
+    study = _Study(pipeline, registry, chosen_knobs(pipeline, registry, asked), given, cells, repeat, told)
+    other = None if elsewhere is None else _Study(elsewhere, registry, study.knobs, given, cells, 1, told)
     reference = study.trial({})
     curves = [study.curve(knob, reference) for knob in study.knobs]
     for settings in combinations(study.choices(study.settled_curves(curves)), most):
@@ -149,18 +152,35 @@ def chosen_knobs(pipeline: Pipeline, registry: Registry, asked: Mapping[str, tup
     known[PRECISION] = Knob("", "", PRECISION, ("float32", "float64"), True, pipeline.precision, pipeline.precision != "auto", False, "1")
     if not asked:
         return tuple(k for k in known.values() if k.settings and not (k.written or k.studied))
-    faults = []
+    faults, chosen = [], []
     for key, values in asked.items():
         if key not in known:
             hint = nearest(key, known) or f"; it has {', '.join(known)}"
             faults.append(Fault(f"--knob {key}", f"no stage of this pipeline has such a fidelity parameter{hint}"))
-        elif len(values) == 1:
+            continue
+        knob = known[key]
+        if len(values) == 1:
             faults.append(Fault(f"--knob {key}", "expected settings from the cheapest to the reference, two or more"))
-        elif not (values or known[key].settings):
+        elif not (values or knob.settings):
             faults.append(Fault(f"--knob {key}", "its settings have no order from cheap to exact; compare them: etendue compare --axis"))
+        try:
+            own = _resolved(knob, values, pipeline, registry)
+            chosen.append(replace(knob, settings=own, closed_form=own[-1] == knob.reference and knob.closed_form) if own else knob)
+        except Unfit as error:
+            faults.append(Fault(f"--knob {key}", str(error)))
     if faults:
         raise RequestError(faults, pipeline.file)
-    return tuple(replace(known[key], settings=values, closed_form=False) if values else known[key] for key, values in asked.items())
+    return tuple(chosen)
+
+
+def _resolved(knob: Knob, values: tuple[Any, ...], pipeline: Pipeline, registry: Registry) -> tuple[Any, ...]:
+    """Settings in the unit of the knob; ``Unfit`` where it does not take one."""
+    if not knob.stage:
+        if not set(values) <= set(knob.settings):
+            raise Unfit(f"expected {' and '.join(knob.settings)}")
+        return values
+    parameter, kind, _ = parameters_of(registry.load(knob.use))[knob.name]
+    return tuple(resolve(value, parameter, kind, pipeline.folder) for value in values)
 
 
 def figures(trial: Trial, floor: float) -> tuple[float, float]:
@@ -170,7 +190,7 @@ def figures(trial: Trial, floor: float) -> tuple[float, float]:
 
 class _Study:
     def __init__(
-        self, pipeline: Pipeline, registry: Registry, knobs: tuple[Knob, ...], cells: int, repeat: int, told: Told
+        self, pipeline: Pipeline, registry: Registry, knobs: tuple[Knob, ...], given: frozenset[str], cells: int, repeat: int, told: Told
     ) -> None:  # fmt: skip
         self.registry, self.repeat, self.told, self.options = registry, repeat, told, Options("serial")
         base = Measurement(pipeline, registry, cells, self.options)
@@ -178,7 +198,7 @@ class _Study:
         try:
             base.plan(reference_of(pipeline, registry, [k for k in knobs if k.stage]).pipeline)
         except RequestError:
-            knobs = tuple(base.within(k) if k.stage else k for k in knobs)
+            knobs = tuple(base.within(k) if k.stage and k.key not in given else k for k in knobs)
         self.knobs = knobs
         reference = reference_of(pipeline, registry, [*(k for k in knobs if k.stage), *others])
         unstudied = {(k.stage, k.use, k.name): k.before_reference for k in others if k.before_reference != k.reference}
