@@ -17,6 +17,7 @@ OTHER_WORDS = {
     "colorchecker": "a table of spectra",
     "diffraction": "physics that is met once on the way",
     "mosaic": "a figure of a study's document",
+    "points": "of a curve, in a document of a study",
     "uniform": "a fact of a scene",
     "zone_plate": "a part of a chart",
 }

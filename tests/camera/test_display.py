@@ -107,3 +107,12 @@ def test_colours_are_named_by_their_state_so_that_codes_cannot_be_taken_for_ligh
 def test_the_misprinted_matrix_is_blue_and_the_corrected_one_is_not():
     assert_allclose(matrices.EQ16_CORRECTED @ np.ones(3), white_of("sRGB"), atol=1e-3)
     assert abs((matrices.EQ16_AS_PRINTED @ np.ones(3))[2] - white_of("sRGB")[2]) > 0.2
+
+
+@pytest.mark.parametrize("away", [0.0, 1e-7, -1e-7])
+def test_white_that_is_clipped_up_to_rounding_is_within_the_range(away):
+    """A saturated frame stands at 1 on either side of the last bits; a hundredth beyond is counted."""
+    frame = np.full((3, 4, 4), 1.0 + away)
+    assert Encode().run(frame)["gamut_clipped"] == 0
+    frame[0, 0, 0], frame[1, 0, 0] = 1.01, -0.01
+    assert Encode().run(frame)["gamut_clipped"] == pytest.approx(2 / 48)

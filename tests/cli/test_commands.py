@@ -358,7 +358,13 @@ def test_quantities_are_listed_with_what_takes_them(inside):
 def test_one_stage_is_shown_in_full(inside):
     code, out, _ = inside("stages", "uniform")
     assert code == 0
-    for text in ("The same light everywhere.", "radiance: wavelength y x [W m-2 sr-1 nm-1]", "white_luminance", "required", "the spacing"):
+    for text in (
+        "The same light everywhere.",
+        "radiance: wavelength y x [W m-2 sr-1 nm-1]",
+        "white_luminance",
+        "required",
+        "quarter of a um",
+    ):
         assert text in out
     (document,) = strict(inside("stages", "uniform", "--json")[1])
     assert document["parameters"]["white_luminance"]["required"] is True

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Line, Source, Stage, Transfer, param
+from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Line, Sampled, Source, Stage, Transfer, param
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,3 +305,25 @@ class BackwardLadder(Sound):
 @dataclass(frozen=True, kw_only=True)
 class SettingOutOfRange(Sound):
     terms: int = param(4, at_least=2, fidelity=True, reference="8", settings=(1, 4, 8))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseMean(Sound, Sampled):
+    """Its noise has an offset that its mean does not know."""
+
+    def run(self, charge, rng):
+        return {"charge": charge + 5.0 + rng.standard_normal(charge.shape)}
+
+    def mean(self, charge):
+        return {"charge": charge}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawingMean(Sound, Sampled):
+    """Its mean draws."""
+
+    def run(self, charge, rng):
+        return {"charge": charge + rng.standard_normal(charge.shape)}
+
+    def mean(self, charge, rng):
+        return {"charge": charge}

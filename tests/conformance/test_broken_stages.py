@@ -45,6 +45,8 @@ BROKEN = [
     (broken.FalseSource, "test_carried_facts_are_true_of_what_is_written", "says uniform"),
     (broken.FalseContrast, "test_carried_facts_are_true_of_what_is_written", "says contrast 2"),
     (broken.WholeOnly, "test_bands_alone_are_the_bands_of_the_whole", "other values of irradiance than all bands"),
+    (broken.FalseMean, "test_its_mean_is_that_of_its_draws", "but mean says"),
+    (broken.DrawingMean, "test_its_mean_is_that_of_its_draws", "draws nothing"),
     (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),
 ]
 

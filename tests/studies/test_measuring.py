@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etendue.cli.program import main
+from etendue.errors import RequestError
 from etendue.registry import installed_stages
 from etendue.session import load, simulate
 from etendue.spec.parameter import param
@@ -41,7 +42,7 @@ def test_places_hold_both_ends_and_every_word_and_are_few(sizes, words, most):
     assert len(set(found)) == len(found)
     assert all(0 <= i < n for place in found for i, n in zip(place, sizes, strict=True))
     assert found == places(sizes, words, most)
-    assert (0,) * len(sizes) in found
+    assert (0,) * len(sizes) in found or most == 1
     for axis, (size, is_word) in enumerate(zip(sizes, words, strict=False)):
         if is_word:
             assert {place[axis] for place in found} == set(range(size))
@@ -141,8 +142,16 @@ def test_what_stands_behind_a_stage_that_hides_its_mean_is_unknown():
 )
 def test_errors_are_relative_to_full_scale(declared, reference, found, rms):
     own = difference(np.array(found), np.array(reference), parse_declaration("v", declared), Stage())
-    assert own.rms == pytest.approx(rms, rel=1e-12)
+    assert own.rms == pytest.approx(rms, rel=1e-9)
     assert own.largest >= own.rms
+
+
+def test_shares_are_of_the_frame_and_places_in_a_list_right_or_wrong():
+    share = parse_declaration("gamut_clipped", "[1]")
+    assert difference(np.array(0.02), np.array(0.01), share, Stage()).rms == pytest.approx(0.01)
+    place = parse_declaration("limiting_factor", "[1] nan")
+    assert [difference(np.array(n), np.array(2.0), place, Stage()).rms for n in (2.0, 3.0, 1.0)] == [0.0, 1.0, 1.0]
+    assert difference(np.array(np.nan), np.array(np.nan), place, Stage()).rms == 0
 
 
 def test_what_is_undefined_in_one_run_alone_cannot_be_compared():
@@ -172,3 +181,18 @@ def test_a_second_run_does_not_measure_again(tmp_path, monkeypatch):
     assert {"rms", "max", "how", "held"} <= first["global_error"]["rgb_camera"].keys()
     assert first["global_error"]["rgb_camera"]["held"] is True
     assert run()["measured"]["remembered"] is True
+
+
+def test_a_reference_that_the_camera_does_not_take_is_the_best_that_it_takes():
+    """Common noise inverts the distribution, which it cannot at every mean: the knob of the draw has no closed form there."""
+    pipeline = pipeline_of(**{"camera.noise": "common", "wanted": ["rgb_camera"]})
+    measurement = Measurement(pipeline, installed_stages())
+    knobs = {knob.key: knob for knob in measurement.reference.knobs}
+    assert 30 <= knobs["shot_noise.exact_below"].reference < math.inf
+    assert knobs["diffusion.nodes"].reference == 0
+    assert measurement.errors().errors["rgb_camera"].rms < 1e-6
+
+
+def test_a_pipeline_with_faults_is_refused_before_anything_is_measured():
+    with pytest.raises(RequestError, match="sharpen"):
+        Measurement(pipeline_of(**{"sharpen.strength": "much"}), installed_stages())

@@ -95,6 +95,28 @@ def number(text: str) -> Any:
     return int(value) if whole else value
 
 
+def knob_settings(words: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
+    """``STAGE.KNOB`` or ``STAGE.KNOB=V,V,..`` by knob; () where no settings are given.
+
+    Raises
+    ------
+    RequestError
+        A knob is written twice, or its settings are no numbers or words.
+    """
+    from decimal import Decimal
+
+    from etendue.errors import Fault, RequestError
+
+    found: dict[str, tuple[Any, ...]] = {}
+    for text in words:
+        key, equals, rest = (part.strip() for part in text.partition("="))
+        values = [number(part) for part in rest.split(",")] if equals else []
+        if not key or key in found or any(isinstance(value, list | dict) or value == "" for value in values):
+            raise RequestError([Fault(f"--knob {text}", "expected STAGE.KNOB or STAGE.KNOB=V,V,.., each knob once")])
+        found[key] = tuple(float(value) if isinstance(value, Decimal) else value for value in values)
+    return found
+
+
 def overrides(given: Given) -> dict[str, Any]:
     """What stands in place of values of the file.
 

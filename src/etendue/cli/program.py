@@ -78,6 +78,7 @@ def main() -> None:
     etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
     etendue quality FILE                    every camera of a sweep against the ideal one
     etendue noise FILE                      noise behind every stage, predicted and found
+    etendue accuracy FILE                   error against run time, of every knob and of combinations
     etendue sensors                         sensors whose parameters are published
     """
 
@@ -85,7 +86,7 @@ def main() -> None:
 for _command in (
     *(runs.plan, runs.run, runs.archive),
     *(catalogue.stages, catalogue.quantities, catalogue.sensors),
-    *(comparisons.compare, comparisons.quality, comparisons.noise),
+    *(comparisons.compare, comparisons.quality, comparisons.noise, comparisons.accuracy),
     exports.export,
 ):
     main.add_command(_command)

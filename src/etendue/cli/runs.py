@@ -105,8 +105,9 @@ def run(
 
         for text in made.warnings:
             click.echo(f"note: {printable(text)}", err=True)
+    measurement = _measurement(made, options, quiet) if measure and not held else None
     outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
-    measured = _measured(made, folder, options, quiet) if measure and not held else None
+    measured = _measured(measurement, folder) if measurement and not held else None
     if held:
         from etendue.report.global_error import held_document
         from etendue.studies import holding
@@ -137,16 +138,21 @@ def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) 
     return found
 
 
-def _measured(made: Any, folder: Path, options: Any, quiet: bool) -> dict[str, Any]:
-    """The global errors of a run, as in ``--json``."""
+def _measurement(made: Any, options: Any, quiet: bool) -> Any:
+    """What is measured behind a run; what is wrong with it is said before anything runs."""
     from etendue.registry import installed_stages
-    from etendue.report.global_error import global_error_document
     from etendue.report.terminal import TerminalProgress
-    from etendue.studies.measuring import measure
+    from etendue.studies.measuring import Measurement
 
     pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
-    found = measure(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress, archive=folder)
-    return global_error_document(found, pipeline.tolerance)
+    return Measurement(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress)
+
+
+def _measured(measurement: Any, folder: Path) -> dict[str, Any]:
+    """The global errors of a run, as in ``--json``."""
+    from etendue.report.global_error import global_error_document
+
+    return global_error_document(measurement.remembered(folder), measurement.pipeline.tolerance)
 
 
 @command("show")

@@ -188,6 +188,17 @@ class TerminalProgress:
 
 
 @contextmanager
+def trying(silent: bool = False) -> Iterator[Callable[[str], None]]:
+    """A line on stderr that says what is being tried; where stderr is no terminal nothing is said."""
+    console = Console(stderr=True)
+    if silent or not console.is_terminal:
+        yield lambda text: None
+        return
+    with console.status("") as status:
+        yield lambda text: status.update(f"trying {escape(text)}")
+
+
+@contextmanager
 def planning() -> Iterator[Callable[[int, int], None]]:
     """A line on stderr that says how far a plan is, once it takes longer than a second."""
     console, began = Console(stderr=True), time.monotonic()

@@ -73,3 +73,69 @@ def work_precision(points: list[Point], title: str, error: str) -> bytes:
     picture = BytesIO()
     figure.savefig(picture, format="png")
     return picture.getvalue()
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points (seconds, error) of one kind: a ``line`` through them, ``dots``, the ``front``, or a ``star``."""
+
+    label: str
+    points: list[tuple[float, float]]
+    kind: str = "line"
+
+
+Level = tuple[float | None, str] | None
+Panel = tuple[str, str, list[Series], Level, Level]  # title, what the time is of, series, line of noise, floor
+
+
+def diagrams(title: str, panels: list[Panel]) -> bytes:
+    """Work-precision diagrams side by side as PNG, both axes logarithmic; points without error or time have no place on them."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.2 * len(panels), 5.2), dpi=120, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    for number, (name, time, series, noise, floor) in enumerate(panels, 1):
+        axes = figure.add_subplot(1, len(panels), number)
+        axes.set(xscale="log", yscale="log", xlabel=time, ylabel="rms error, full scale 1", title=name)
+        for order, one in enumerate(series):
+            _draw(axes, one, order)
+        for level, colour, style in ((noise, "#b2443b", "--"), (floor, "#777777", ":")):
+            if level is not None and level[0]:
+                axes.axhline(level[0], color=colour, ls=style, lw=1.2, label=level[1], zorder=1)
+        axes.grid(True, which="major", color="#dddddd", lw=0.6)
+        _few_ticks(axes)
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(frameon=False, fontsize=8, loc="upper right")
+    picture = BytesIO()
+    figure.savefig(picture, format="png")
+    return picture.getvalue()
+
+
+def _draw(axes: Any, series: Series, order: int) -> None:
+    points = [(seconds, error) for seconds, error in series.points if seconds > 0 and error > 0]
+    if not points:
+        return
+    x, y = zip(*points, strict=True)
+    how: dict[str, Any] = {
+        "line": {"marker": "o", "ms": 4, "lw": 1.3, "color": f"C{order}", "zorder": 3},
+        "dots": {"marker": "o", "ms": 4, "lw": 0, "color": "#b5b5b5", "zorder": 2},
+        "front": {"marker": "o", "ms": 5.5, "lw": 1.5, "color": "#3b6fb6", "zorder": 4},
+        "star": {"marker": "*", "ms": 13, "lw": 0, "color": "#c8791c", "zorder": 5},
+    }[series.kind]
+    axes.plot(x, y, label=series.label, **how)
+
+
+def _few_ticks(axes: Any) -> None:
+    """Numbers that do not overlap, room above for the legend."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = axes.get_xlim()
+    few, tenths = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0), tuple(1 + 0.1 * i for i in range(90))
+    subs = (1.0,) if high / low > 200 else (1.0, 2.0, 5.0) if high / low > 4 else few if high / low > 1.5 else tenths
+    axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=9))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top * min((top / bottom) ** 0.3, 1e4))

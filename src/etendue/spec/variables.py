@@ -27,7 +27,9 @@ class Variable:
     ``encoded`` values for a display, as they are; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as
     white, None: what is bright in the first picture; variables with one ``scale`` share what is bright in the last of them. ``black``
     is a camera quantity that stands for nothing. ``range`` has both ends of a map, None: its own; ``log``: in equal ratios.
-    ``counted``: where it is above 0, the end of a run says that something was lifted to a floor, or lies above saturation.
+    ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``: it is a place
+    in a list, right or wrong. ``counted``: where it is above 0, the end of a run says that something was lifted to a floor, or lies above
+    saturation.
     """
 
     long_name: str = ""
@@ -39,12 +41,16 @@ class Variable:
     range: tuple[float, float] | None = None
     log: bool = False
     counted: str = ""
+    full: float | None = None
+    index: bool = False
 
     def __post_init__(self) -> None:
         if self.counted not in COUNTED:
             raise ValueError(f"counted is {self.counted!r}; allowed are {', '.join(map(repr, COUNTED))}")
         if self.shown not in SHOWN:
             raise ValueError(f"shown is {self.shown!r}; allowed are {', '.join(map(repr, SHOWN))}")
+        if self.full is not None and not self.full > 0:
+            raise ValueError(f"full is {self.full!r}; allowed are numbers above 0")
         if self.range is not None and not (len(self.range) == 2 and self.range[0] < self.range[1]):
             raise ValueError(f"range is {self.range!r}; expected two ends in order")
 

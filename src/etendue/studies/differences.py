@@ -5,7 +5,7 @@ Out: ``Difference``: rms over the picture and the largest pixel.
 
 Full scale is 1 for pictures without a unit (linear and encoded RGB, the linear mosaic), white - black for raw codes, and the largest
 value of the reference for light and charge. What has no place is relative: figures by stage each to itself, vectors and matrices to
-their largest element.
+their largest element. ``Variable.full`` says otherwise: a share of pixels is a share of the frame.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from etendue.spec.stage import Stage
-from etendue.spec.variables import Declaration
+from etendue.spec.variables import Declaration, variable
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,14 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
     """Of two arrays of one variable that ``stage`` has written.
 
     Values that are undefined in both runs do not count; where only one of them is undefined, nothing can be said. Of codes without a
-    unit (flags, maps) the error is the share that differs, as its root.
+    unit (flags, maps, places in a list) the error is the share that differs, as its root.
     """
     found, reference = np.asarray(found), np.asarray(reference)
     if found.shape != reference.shape:
         return Difference(None, None, math.nan, f"{found.shape} values beside {reference.shape} of the reference")
-    if declaration.dtype != "float" and declaration.unit == "1":
-        share = float(np.mean(found != reference)) if found.size else 0.0
+    if (declaration.dtype != "float" and declaration.unit == "1") or variable(declaration.variable).index:
+        same = (found == reference) | ((found != found) & (reference != reference))
+        share = 1.0 - float(np.mean(same)) if found.size else 0.0
         return Difference(math.sqrt(share), float(share > 0), 1.0)
     found, reference = found.astype(np.float64), reference.astype(np.float64)
     known = np.isfinite(reference)
@@ -57,6 +58,9 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
 
 def full_scale(reference: Any, known: Any, declaration: Declaration, stage: Stage) -> Any:
     """What errors of a variable are relative to: a number, or one for each value."""
+    full = variable(declaration.variable).full
+    if full is not None:
+        return full
     largest = float(np.abs(reference[known]).max()) or 1.0
     if {"y", "x"} <= set(declaration.dims):
         if declaration.unit == "DN":

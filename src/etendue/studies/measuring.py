@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive.remembered import recall, remember
+from etendue.errors import RequestError
 from etendue.plan.ancestry import behind
 from etendue.plan.graph import build_graph
 from etendue.plan.keys import digest
@@ -30,7 +31,7 @@ from etendue.spec.variables import variable as known
 from etendue.studies.differences import Difference, difference
 from etendue.studies.files import finite
 from etendue.studies.pilot import MOST, chosen_places, narrowed
-from etendue.studies.reference import Reference, knobs_of, reference_of, with_settings
+from etendue.studies.reference import Knob, Reference, knobs_of, reference_of, with_settings
 
 FORM = 1  # of what is remembered: another number, and it is measured again
 LEFT_OUT, PRECISION = "left out", "precision"
@@ -41,9 +42,9 @@ Wanted = tuple[str, str]  # stage and variable
 class GlobalError:
     """Of one wanted variable, of the worst cell that was measured. None: not known, and ``why``.
 
-    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: so much the reference itself may be wrong by.
-    ``rms`` is over the picture, ``max`` of the largest pixel, both relative to ``scale``; ``linear`` is (rms, max) of an encoded
-    variable in front of its encoding.
+    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: so much the reference itself may be wrong by. ``below`` is how
+    far the last refinement of the reference moves it. ``rms`` is over the picture, ``max`` of the largest pixel, both relative to
+    ``scale``; ``linear`` is (rms, max) of an encoded variable in front of its encoding.
     """
 
     rms: float | None
@@ -53,12 +54,12 @@ class GlobalError:
     at: Mapping[str, Any] = field(default_factory=dict)
     linear: tuple[float | None, float | None] | None = None
     why: str = ""
-    doubt: float = 0.0  # so much the reference itself may be wrong by
+    below: float = 0.0  # so much the reference itself may be wrong by
 
     def held(self, tolerance: float, norm: str = "rms") -> bool | None:
         """Whether it is within a tolerance; None where that is not known, or the reference is in doubt by as much."""
         value = self.rms if norm == "rms" else self.max
-        if value is None or (value <= tolerance and self.doubt > tolerance):
+        if value is None or (value <= tolerance and self.below > tolerance):
             return None
         return value <= tolerance
 
@@ -104,15 +105,7 @@ def measure(
     ``archive``: where it is remembered: what depends on nothing that has changed is not measured again.
     """
     measurement = Measurement(pipeline, registry, cells, options, progress)
-    if archive is None:
-        return measurement.errors()
-    key = measurement.key()
-    known = from_document(recall(archive, key) or {})
-    if known is not None:
-        return known
-    found = measurement.errors()
-    remember(archive, key, finite(found.document()))
-    return found
+    return measurement.errors() if archive is None else measurement.remembered(archive)
 
 
 class Measurement:
@@ -126,21 +119,56 @@ class Measurement:
     options : how the runs are done
     progress : ``plan -> Progress``, or None
     reference : another reference than that of all knobs which the file does not write
+    also : variables (stage, name) that are measured though nobody wants them
     """
 
     def __init__(
         self, pipeline: Pipeline, registry: Registry, cells: int = MOST, options: Options | None = None, progress: Any = None,
-        reference: Reference | None = None,
+        reference: Reference | None = None, also: tuple[Wanted, ...] = (),
     ) -> None:  # fmt: skip
+        self.also = also
         self.registry, self.options, self.progress = registry, options or Options(), progress
         graph = build_graph(pipeline, registry)
         self.places = chosen_places(graph.axes, cells)
         self.pipeline = narrowed(pipeline, graph.axes, self.places)
-        self.reference = reference or reference_of(self.pipeline, registry)
+        if reference is None:
+            reference = self.possible(reference_of(self.pipeline, registry))
+        else:
+            reference = replace(
+                reference, pipeline=narrowed(reference.pipeline, graph.axes, self.places),
+                coarser=reference.coarser and narrowed(reference.coarser, graph.axes, self.places),
+            )  # fmt: skip
+        self.reference = reference
         self.seconds = 0.0
 
     def plan(self, pipeline: Pipeline, computed: frozenset[str] = frozenset()) -> Plan:
         return make_plan(pipeline, self.registry, expected=True, computed=computed)
+
+    def possible(self, reference: Reference) -> Reference:
+        """The reference; a knob whose best setting its stage refuses in this camera stands at the best that it takes.
+
+        Raises
+        ------
+        RequestError
+            The pipeline itself is wrong.
+        """
+        try:
+            self.plan(reference.pipeline)
+            return reference
+        except RequestError:
+            self.plan(self.pipeline)  # the camera's own faults
+        return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
+
+    def within(self, knob: Knob) -> Knob:
+        """A knob with those of its settings that its stage takes; where the best is not among them, its reference is a finite one."""
+        for count in range(len(knob.settings), 0, -1):
+            try:
+                self.plan(with_settings(self.pipeline, {(knob.stage, knob.use, knob.name): knob.settings[count - 1]}))
+            except RequestError:
+                continue
+            whole = count == len(knob.settings)
+            return knob if whole else replace(knob, settings=knob.settings[:count], closed_form=False)
+        return replace(knob, settings=())
 
     @cached_property
     def exact(self) -> Plan:
@@ -165,9 +193,13 @@ class Measurement:
         self.seconds += sum(report.seconds for report in found.reports.values())
         return found
 
+    def measured(self, plan: Plan) -> tuple[Wanted, ...]:
+        """What is measured of a plan."""
+        return tuple(dict.fromkeys((*plan.wanted, *self.also)))
+
     def asked(self, plan: Plan) -> dict[CellRef, set[str]]:
         asked: dict[CellRef, set[str]] = {}
-        for stage, name in plan.wanted:
+        for stage, name in self.measured(plan):
             for ref, _ in self.cells_of(plan, stage):
                 asked.setdefault(ref, set()).add(name)
                 linear = in_front(plan, ref, name)
@@ -202,12 +234,13 @@ class Measurement:
         errors, truth, coarser = {}, self.truth, self.coarser
         unknown = behind(plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives)))
         names = [name for _, name in plan.wanted]
-        for stage, name in plan.wanted:
+        for stage, name in self.measured(plan):
             own = self._error(plan, stage, name, found, truth, coarser)
             if stage in unknown:
                 who = ", ".join(n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives))
                 own = GlobalError(None, None, own.scale, "unknown", own.at, None, f"{who} draws or rounds, and does not say its mean")
-            errors[name if names.count(name) == 1 else f"{stage}.{name}"] = own
+            plain = names.count(name) == 1 and (stage, name) in plan.wanted
+            errors[name if plain else f"{stage}.{name}"] = own
         return Measured(errors, len(self.places), self.seconds - before)
 
     def _error(self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any) -> GlobalError:
@@ -228,7 +261,7 @@ class Measurement:
         how = "measured" if doubt <= 0.1 * max(plan.pipeline.tolerance, rms or 0.0) else f"unknown below {doubt:.1g}"
         linear = in_front(plan, worst[1], name)
         beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
-        return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, doubt=doubt)
+        return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt)
 
     def blame(self, decisions: Iterable[tuple[str, str]]) -> dict[tuple[str, str], Measured]:
         """The errors with one decision undone at a time: (stage, ``left out``), (stage, a knob's name), or ('', ``precision``)."""
@@ -242,6 +275,16 @@ class Measurement:
             else:
                 knob = knobs[stage, decision]
                 found[stage, decision] = self.errors(settings={(stage, knob.use, decision): knob.reference})
+        return found
+
+    def remembered(self, archive: Path) -> Measured:
+        """The errors as planned; what an archive remembers of the same cells is not measured again."""
+        key = self.key()
+        known = from_document(recall(archive, key) or {})
+        if known is not None:
+            return known
+        found = self.errors()
+        remember(archive, key, finite(found.document()))
         return found
 
     def key(self) -> str:

@@ -20,19 +20,20 @@ _BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 
 
 def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = MOST) -> tuple[tuple[int, ...], ...]:
-    """Positions on axes of these sizes: all where they are few, else both ends, the middle, further corners, places inside.
+    """Positions on axes of these sizes: all where they are few, else both ends, the middle, further corners, places inside. A single one
+    is the middle.
 
     Every value of a ``categorical`` axis (a stage that is swapped, a word) is among them, whatever ``most`` is: one says nothing of
     another.
     """
     if math.prod(sizes) <= most:
         return tuple(itertools.product(*(range(size) for size in sizes)))
+    middle = tuple(n // 2 for n in sizes)
     chosen: dict[tuple[int, ...], None] = {}
     varied = min(len(sizes), 8)
     ends = [(*some, *(0,) * (len(sizes) - varied)) for some in itertools.product((0, 1), repeat=varied)]
     corners = [tuple(end * (size - 1) for end, size in zip(one, sizes, strict=True)) for one in ends]
-    middle = tuple(n // 2 for n in sizes)
-    ordered = [corners[0], corners[-1], middle]
+    ordered = [corners[0], corners[-1], middle] if most > 1 else [middle]
     for number in range(1, len(corners) // 2):  # each beside the one opposite to it
         ordered += [corners[number], corners[-1 - number]]
     for place in ordered[: max(most - max(most // 4, 1), 1)]:

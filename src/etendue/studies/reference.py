@@ -3,7 +3,7 @@
 In:  a pipeline, the registry.
 Out: the same pipeline with the knobs written in; what each knob was set to, and which of them end in a finite setting.
 
-Values that stand in the file (or are set, or swept) are the model, no knobs. So is the drawing of the scene (``Parameter.grid``): its
+Values that stand in the file (or are set, or swept) are the model, no knobs. So is the drawing of the scene (``Parameter.studied``): its
 samples and bands are those of the light that is stored.
 """
 
@@ -34,12 +34,12 @@ class Knob:
     closed_form: bool  # the reference is no finite setting
     value: Any  # as the file has it, else its default
     written: bool  # in the file, by --set, or swept
-    grid: bool
+    studied: bool  # it changes a grid, or what a scene shows
     units: str
 
     @property
     def key(self) -> str:
-        return f"{self.stage}.{self.name}"
+        return f"{self.stage}.{self.name}" if self.stage else self.name
 
     @property
     def reference(self) -> Any:
@@ -102,7 +102,7 @@ def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
 
 def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] | None = None) -> Reference:
     """The reference of a pipeline; of ``knobs`` where they are given, else of all that the file does not write."""
-    chosen = tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.grid)) if knobs is None else tuple(knobs)
+    chosen = tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied)) if knobs is None else tuple(knobs)
     exact = replace(pipeline, precision="float64", leave_out=False)
     moved = [k for k in chosen if k.settings and k.before_reference != k.reference]
     best = {(k.stage, k.use, k.name): k.reference for k in chosen if k.settings}

@@ -19,7 +19,7 @@ from etendue import discovery
 from etendue.plan.asking import lacking
 from etendue.run.bands import run_bands
 from etendue.spec import variables
-from etendue.spec.capabilities import Banded, Bounded, Probe, is_source, is_transfer
+from etendue.spec.capabilities import Banded, Bounded, Probe, Sampled, is_source, is_transfer
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, reads_of, writes_of
 from etendue.testing.bench import (
@@ -53,6 +53,7 @@ from etendue.testing.checks import (
     with_value,
     worst_signs_of,
 )
+from etendue.testing.mean_checks import check_mean
 from etendue.testing.transfer_checks import check_single_wavelengths, check_transfer
 
 
@@ -337,6 +338,11 @@ class StageConformance:
         if not is_transfer(bench.kind):
             return
         check_transfer(bench)
+
+    def test_its_mean_is_that_of_its_draws(self) -> None:
+        """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know of it."""
+        if issubclass(self.bench.kind, Sampled):
+            check_mean(self.bench)
 
     def test_a_finer_setting_states_no_larger_error(self) -> None:
         """Along the settings of a knob, from the cheapest to the reference, the stated error never grows."""

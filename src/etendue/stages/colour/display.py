@@ -18,6 +18,7 @@ from etendue.physics.colour import matrices
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
 
 LMS = Labels(("L", "M", "S"))
+BEYOND = 1e-5  # of full scale: what 32 bits leave of a value at the end of the range
 PRINTED = {"eq16_corrected_3digit": matrices.EQ16_CORRECTED, "eq16_as_printed": matrices.EQ16_AS_PRINTED}
 OWN = {"ebu": matrices.RGB_TO_XYZ_PAL, "sRGB": matrices.RGB_TO_XYZ_SRGB}
 
@@ -211,7 +212,8 @@ class _Encoding(Stage):
 
 @dataclass(frozen=True, kw_only=True)
 class Encode(_Encoding):
-    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted."""
+    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted, but for rounding: white
+    that is clipped in the camera stands at 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
@@ -220,7 +222,7 @@ class Encode(_Encoding):
     def run(self, rgb_linear: Any) -> dict[str, Any]:
         kind = rgb_linear.dtype.type
         inside = np.clip(rgb_linear, kind(0), kind(1))
-        outside = np.count_nonzero(inside != rgb_linear) / max(rgb_linear.size, 1)
+        outside = np.count_nonzero(np.abs(rgb_linear - inside) > BEYOND) / max(rgb_linear.size, 1)
         if self.encoding == "power":
             encoded = transfer.gamma_signed(inside, self.exponent)
         else:

@@ -1,0 +1,127 @@
+"""Which settings are worth their time: orders of convergence, the front of error against seconds, combinations to try.
+
+In:  settings with an error and seconds each.
+Out: numbers and choices; nothing is run here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+ROUNDING = 3e-15  # errors below are those of 64 bits
+LARGEST = 0.1  # errors above do not converge yet
+PLATEAU = 0.9  # errors that fall by less have ended falling
+_Point = TypeVar("_Point")
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """``order``: the error falls with this power of the setting (``algebraic``), or by exp(-order) with each unit of it
+    (``geometric``); None where fewer than three settings show it."""
+
+    order: float | None
+    law: str
+    settings: tuple[float, ...] = ()  # from which it follows
+
+
+def convergence(settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0) -> Convergence:
+    """The law by which errors fall from setting to setting; of the two the one with the smaller residual in log error.
+
+    An order is the median of those between neighbours among the finest four settings that show it. Settings do not count from which on the
+    error falls by less than a tenth: something else is larger there.
+
+    Parameters
+    ----------
+    settings : from the cheapest to the finest; those that are no positive finite number (a closed form) do not count
+    errors : of each
+    floor : how far the reference itself may be wrong: errors below ten times that do not count
+    """
+    least = max(10 * floor, ROUNDING)
+    used = [
+        (float(s), float(e))
+        for s, e in zip(settings, errors, strict=True)
+        if isinstance(s, int | float) and not isinstance(s, bool) and 0 < s < math.inf and e is not None and least < e < LARGEST
+    ]
+    falling = [i for i in range(len(used) - 1) if min(e for _, e in used[i + 1 :]) < PLATEAU * used[i][1]]
+    if not falling or falling[-1] < len(used) - 2:  # behind these something else is larger
+        used = used[: falling[-1] + 1] if falling else []
+    if len(used) < 3:
+        return Convergence(None, "", tuple(s for s, _ in used))
+    size, error = (np.array(values) for values in zip(*used, strict=True))
+    finer = 1.0 if size[-1] > size[0] else -1.0
+    fits = {}
+    for law, along in (("algebraic", np.log(size)), ("geometric", size)):
+        slope, start = np.polyfit(along, np.log(error), 1)
+        local = -finer * np.diff(np.log(error)) / np.diff(along)
+        rate = np.median(local[-3:]) if law == "algebraic" else -finer * slope
+        fits[law] = float(rate), float(np.sum((np.log(error) - slope * along - start) ** 2))
+    law = min(fits, key=lambda name: fits[name][1]) if finer > 0 else "algebraic"
+    return Convergence(fits[law][0], law, tuple(map(float, size)))
+
+
+def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:
+    """How far a finite reference may be from the limit: what its last refinement moved, or where an order is known what is left of it."""
+    before, last = settings[-2:]
+    if found.order is None or found.order < 0.5 or isinstance(last, bool | str):
+        return moved
+    if found.law == "geometric":
+        return moved / math.expm1(min(found.order * abs(last - before), 700.0))
+    ratio = max(last / before, before / last)
+    return float(moved / (ratio**found.order - 1))
+
+
+def front(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], worth: float = 1.0) -> list[_Point]:
+    """The points that no other beats in both (error, seconds), from the cheapest on; each has less than ``worth`` times the error of the
+    one before."""
+    chosen: list[_Point] = []
+    for point in sorted(points, key=lambda p: (of(p)[1], of(p)[0])):
+        if not chosen or of(point)[0] < worth * of(chosen[-1])[0]:
+            chosen.append(point)
+    return chosen
+
+
+def combinations(choices: Mapping[str, Sequence[tuple[Any, float, float]]], most: int) -> list[dict[str, Any]]:
+    """Combinations of settings worth a trial, from the finest to the cheapest, none twice.
+
+    For every price of error each knob takes by itself the setting with the least seconds + price x error: where errors add up and
+    seconds too, these are the corners of the front's hull. Between them stand those in which every knob takes the cheapest setting whose
+    error is within one tolerance.
+
+    Parameters
+    ----------
+    choices : by knob: (setting, error, seconds)
+    most : combinations
+    """
+    found: dict[tuple[tuple[str, int], ...], dict[str, Any]] = {}
+    for exponent in np.linspace(16, -4, 201):
+        price = 10.0**exponent
+        best = {}
+        for knob, own in choices.items():
+            costs = [seconds + price * error for _, error, seconds in own]
+            best[knob] = max(i for i, cost in enumerate(costs) if cost == min(costs))
+        found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
+    for tolerance in 10.0 ** np.arange(-10, -0.4, 0.5):
+        best = {}
+        for knob, own in choices.items():
+            within = [i for i, (_, error, _) in enumerate(own) if error <= tolerance] or [min(range(len(own)), key=lambda i: own[i][1])]
+            best[knob] = min(within, key=lambda i: own[i][2])
+        found.setdefault(tuple(sorted(best.items())), {knob: choices[knob][i][0] for knob, i in best.items()})
+
+    def error_of(settings: dict[str, Any]) -> float:
+        return sum(next(error for setting, error, _ in choices[knob] if setting == own) for knob, own in settings.items())
+
+    every = sorted(found.values(), key=error_of)
+    if len(every) <= most:
+        return every
+    return [every[round(i * (len(every) - 1) / max(most - 1, 1))] for i in range(most)]
+
+
+def cheapest(points: Sequence[_Point], of: Callable[[_Point], tuple[float, float]], tolerance: float) -> _Point | None:
+    """The point with the least seconds whose error is within a tolerance."""
+    within = [point for point in points if of(point)[0] <= tolerance]
+    return min(within, key=lambda point: (of(point)[1], of(point)[0]), default=None)
