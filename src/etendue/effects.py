@@ -53,7 +53,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
     return found
 
 
-@lru_cache(512)
+@lru_cache(128)
 def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
     """Of one stage, asked once: the same lens stands in front of many pixels."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)

@@ -22,7 +22,7 @@ from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, arguments_of, writes_of
 from etendue.telling import foreign
 
-LARGEST = 1 << 27  # values that are looked at; of more, some bands stand for their neighbours
+LARGEST = 1 << 25  # values that are looked at; of more, some bands stand for their neighbours
 AT_ONCE = 1 << 24
 
 

@@ -20,6 +20,7 @@ from etendue.spec.grid import Grid
 
 FORM = 1  # of the file
 __all__ = ["light_of", "spectrum_of"]
+MOST = 64  # spectra of which a process knows itself
 _KNOWN: dict[str, Spectrum | None] = {}
 
 
@@ -35,6 +36,8 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | N
         found = scenes.spectrum_of(source, grids)
         if found is not None:
             cache.write("scenes", key, json.dumps(asdict(found)).encode())
+    while len(_KNOWN) >= MOST:
+        _KNOWN.pop(next(iter(_KNOWN)))
     _KNOWN[key] = found
     return found, time.perf_counter() - began
 

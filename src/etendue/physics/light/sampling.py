@@ -11,7 +11,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-FEW = 256  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform
+FEW = 64  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform
 
 FloatArray = NDArray[np.floating]
 ComplexArray = NDArray[np.complexfloating]

@@ -17,6 +17,7 @@ from etendue.physics.light import sampling
 FloatArray = NDArray[np.floating]
 
 PER_OCTAVE = 6
+BLOCK = 1 << 19  # values of a transform that are looked at together
 
 
 def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
@@ -58,20 +59,23 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
         of ``amplitude``.
     """
     ny, nx = plane.shape
-    half = np.abs(sampling.spectrum(np.ascontiguousarray(plane)))
-    total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
-    half *= half.dtype.type(1.0 / (total_y * total_x))
+    half = sampling.spectrum(np.ascontiguousarray(plane))
     half[0, 0] = 0
+    total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
     twice = np.full(half.shape[1], 2.0)
     twice[0] = 1.0
     if total_x % 2 == 0:
         twice[-1] = 1.0
-    rows = sampling.frequencies(ny, step_y, half=False)[:, None]
-    columns = sampling.frequencies(nx, step_x, half=True)[None, :]
-    ring = rings_of(np.hypot(rows, columns), edges).ravel()
-    amplitude = np.bincount(ring, (half * twice).ravel(), edges.size - 1)
-    power = np.bincount(ring, (half.astype(float) ** 2 * twice).ravel(), edges.size - 1)
-    return np.asarray(power * (total_y * total_x / (ny * nx)), dtype=float), np.asarray(amplitude, dtype=float)
+    rows = sampling.frequencies(ny, step_y, half=False)
+    columns = sampling.frequencies(nx, step_x, half=True)
+    power, amplitude = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
+    each = max(1, BLOCK // half.shape[1])
+    for start in range(0, half.shape[0], each):
+        part = np.abs(half[start : start + each]) * (1.0 / (total_y * total_x))
+        ring = rings_of(np.hypot(rows[start : start + each, None], columns), edges).ravel()
+        amplitude += np.bincount(ring, (part * twice).ravel(), edges.size - 1)
+        power += np.bincount(ring, (part * part * twice).ravel(), edges.size - 1)
+    return power * (total_y * total_x / (ny * nx)), amplitude
 
 
 def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:

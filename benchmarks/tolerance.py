@@ -1,0 +1,98 @@
+"""What a tolerance buys: four pipelines, five tolerances: cells left out, knobs chosen, global error, seconds of the stages.
+
+    python benchmarks/tolerance.py [--pipelines sweep ...] [--tolerances 1e-2 ...] [--hold] [--repeats 2] [--json]
+
+Seconds are thread time of the stages, storage apart, the least of some runs; "whole" is the same with nothing left out at default
+knobs, "reference" the run of --nothing-left-out, "cells" places of the sweep at which the global error is measured. With --hold each row
+asks `studies.holding` for the tolerance that keeps that global error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from etendue.errors import RequestError
+from etendue.plan.planner import make_plan, summary
+from etendue.registry import installed_stages
+from etendue.session import Options, execute, load
+from etendue.studies.holding import hold
+from etendue.studies.measuring import Measurement
+from etendue.studies.reference import reference_of
+
+FOLDER = Path(__file__).parent.parent / "pipelines"
+NAMES = ("sweep", "paper_physical", "sensors", "real_lens")
+TOLERANCES = (1e-2, 3e-3, 1e-3, 1e-4, 1e-6)
+LIGHT = ("scene", "irradiance", "falloff", "distortion", "illumination", "lens", "aperture", "diffusion", "pixel")
+
+
+def seconds(plan: Any, repeats: int) -> dict[str, float]:
+    """Thread time by stage."""
+    best: dict[str, float] = {}
+    for _ in range(repeats):
+        own: dict[str, float] = {}
+        for report in execute(plan, None, Options("serial", pictures=False)).reports.values():
+            own[report.stage] = own.get(report.stage, 0.0) + report.seconds
+        if not best or sum(own.values()) < sum(best.values()):
+            best = own
+    return best
+
+
+def told(spent: dict[str, float]) -> str:
+    light = sum(value for name, value in spent.items() if name in LIGHT)
+    return f"{sum(spent.values()):7.2f} s: light and optics {light:.2f}, resolution {spent.get('resolution', 0.0):.2f}"
+
+
+def rows(name: str, tolerances: list[float], holds: bool, repeats: int, cells: int) -> list[dict[str, Any]]:
+    registry, pipeline = installed_stages(), load(FOLDER / f"{name}.toml")
+    pipeline = replace(pipeline, wanted=pipeline.wanted)
+    whole = seconds(make_plan(pipeline, registry, False), repeats)
+    print(f"{name}\n  whole      {told(whole)}", flush=True)
+    exact = seconds(make_plan(reference_of(pipeline, registry).pipeline, registry), 1)
+    print(f"  reference  {told(exact)}", flush=True)
+    measurement, found = Measurement(pipeline, registry, cells, Options("threads")), []
+    for tolerance in tolerances:
+        plan = make_plan(replace(pipeline, tolerance=tolerance), registry)
+        stages = summary(plan)["stages"]
+        left = {s["name"]: s["left_out"]["cells"] for s in stages if s["left_out"]}
+        knobs = {f"{s['name']}.{a['knob']}": a["value"] for s in stages for a in s["approximated"] or []}
+        spent, errors = seconds(plan, repeats), measurement.errors(tolerance).errors
+        known = {n: e.rms for n, e in errors.items() if e.rms is not None}
+        worst = max(known, key=lambda n: known[n])
+        print(f"  {tolerance:<9g}  {told(spent)}; left out {left}; knobs {knobs}; global error {known[worst]:.1e} ({worst}), "
+              f"rgb_display {known.get('rgb_display', float('nan')):.1e}, {len(errors) - len(known)} of {len(errors)} not comparable",
+              flush=True)  # fmt: skip
+        row = {"pipeline": name, "tolerance": tolerance, "left_out": left, "knobs": knobs, "seconds": spent, "errors": known}
+        if holds:
+            held = hold(pipeline, registry, tolerance, cells, Options("threads"))
+            print(f"    hold {tolerance:g}: tolerance {held.tolerance:g}, worst {held.measured.worst:.1e}, "
+                  f"{'held' if held.held else f'not held: {held.missed}, to blame: {dict(held.blame)}'}", flush=True)  # fmt: skip
+            row["hold"] = held.document()
+        found.append(row)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pipelines", nargs="*", default=NAMES)
+    parser.add_argument("--tolerances", nargs="*", type=float, default=TOLERANCES)
+    parser.add_argument("--hold", action="store_true")
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--cells", type=int, default=8)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    found = []
+    for name in given.pipelines:
+        try:
+            found += rows(name, given.tolerances, given.hold, given.repeats, given.cells)
+        except RequestError as error:
+            print(f"{name}: {error}")
+    if given.json:
+        print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
