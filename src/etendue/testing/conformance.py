@@ -42,20 +42,20 @@ from etendue.testing.checks import (
     check_facts,
     check_gain,
     check_parameter,
-    hold,
     in_a_fresh_thread,
     levels_of,
     must_survive,
     perturbations_of,
-    ratio_of,
     stated_error_of,
     with_value,
     worst_signs_of,
 )
+from etendue.testing.extreme_laws import ExtremeLaws
+from etendue.testing.measured import hold, ratio_of, within
 from etendue.testing.transfer_checks import check_single_wavelengths, check_transfer
 
 
-class StageConformance:
+class StageConformance(ExtremeLaws):
     """Subclass it, set ``stage``, and pytest holds the stage against each law.
 
     Attributes
@@ -70,7 +70,7 @@ class StageConformance:
     scales: ClassVar[Mapping[str, float]] = {}
 
     @property
-    def bench(self) -> Bench:
+    def bench(self) -> Bench:  # type: ignore[override]
         return Bench(self.stage, self.grids, self.scales)
 
     # -- what it says
@@ -273,8 +273,9 @@ class StageConformance:
                 continue  # refused: another law's subject
             for variable, exact in double.arrays.items():
                 apart, scale = largest_difference(single.arrays[variable], exact), bench.full_scale(variable, exact, frame)
-                hold(
-                    apart <= allowed * scale,
+                within(
+                    ratio_of(apart, scale),
+                    allowed,
                     f"{bench.name}: single and double precision of {variable} differ by {ratio_of(apart, scale):.2g} of full scale on "
                     f"{what} input x {factor:g} of {frame[0]} x {frame[1]}, but error() allows {allowed:.2g}; "
                     "state what is true, or find where the digits go",
@@ -303,8 +304,9 @@ class StageConformance:
                 scale = full_scale(inputs[own])
                 apart = largest_difference(trial.arrays[variable], inputs[own])
                 slack = bound_of(bench, inputs, "float64", ROUNDING)
-                hold(
-                    apart <= (bound + slack) * scale,
+                within(
+                    ratio_of(apart, scale),
+                    bound + slack,
                     f"{bench.name}: leaving it out changes {variable} by {ratio_of(apart, scale):.2g} of full scale on {what} input, "
                     f"but negligible() says {bound:.2g} ({why})",
                 )
@@ -376,7 +378,7 @@ class StageConformance:
 
 def laws() -> list[str]:
     """The names of the laws, in order."""
-    return [name for name in vars(StageConformance) if name.startswith("test_")]
+    return [name for kind in (StageConformance, ExtremeLaws) for name in vars(kind) if name.startswith("test_")]
 
 
 def check_stage(stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> list[Finding]:

@@ -55,7 +55,9 @@ class LensPsfField(Banded, Bounded):
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 400.0
 
-    file: str = param(file=True, doc="point spread functions by height and wavelength, .npz or .csv")
+    file: str = param(
+        file=True, example="package:etendue/data/examples/bank.npz", doc="point spread functions by height and wavelength, .npz or .csv"
+    )
     tolerance: float = param(
         0.01, above=0, below=1, fidelity=True, reference="a tenth of it",
         doc="bound on the largest error of the convolution for any scene, as a share of full scale; edges err by a third to a tenth of it",

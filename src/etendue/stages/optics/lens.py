@@ -103,9 +103,9 @@ class LensPsf(Blur, Transfer):
     radial: ClassVar = True
     gain: ClassVar[float | None] = None  # of a ring it has no bound that holds for every grid
 
-    file: str = param(file=True, doc="CSV with columns radius_um, psf")
+    file: str = param(file=True, example="package:etendue/data/examples/psf.csv", doc="CSV with columns radius_um, psf")
     nodes: int = param(
-        16384, at_least=64, held=(64, 1_000_000), fidelity=True, reference="direct evaluation at every frequency",
+        16384, at_least=64, held=(64, 1_000_000), example=256, fidelity=True, reference="direct evaluation at every frequency",
         doc="radial frequencies at which the transform is evaluated; linear between them",
     )  # fmt: skip
 

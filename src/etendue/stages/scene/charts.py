@@ -35,7 +35,7 @@ class Scene(Source, Banded):
     nanoseconds: ClassVar = 12.0
 
     white_luminance: float = param(
-        units="cd m-2", at_least=0,
+        units="cd m-2", at_least=0, example=1000.0,
         doc="luminance of a perfect white diffuser in the scene, of all its light, rendered or not; 0: give radiance",
     )  # fmt: skip
     radiance: float = param(
@@ -43,8 +43,8 @@ class Scene(Source, Banded):
         doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light that no eye sees",
     )  # fmt: skip
     illuminant: str = quantity("illuminant")
-    width: float = param(1000.0, units="um", above=0, doc="width of the light on the image plane")
-    height: float = param(1000.0, units="um", above=0, doc="height of the light on the image plane")
+    width: float = param(1000.0, units="um", above=0, example=21.0, doc="width of the light on the image plane")
+    height: float = param(1000.0, units="um", above=0, example=17.0, doc="height of the light on the image plane")
     spacing: float = param(
         1.0, units="um", above=0, fidelity=True, reference="half the spacing",
         doc="distance between samples; half of it resolves twice the frequency",
@@ -57,7 +57,7 @@ class Scene(Source, Banded):
     centre_x: float = param(0.0, units="mm", held=(-1e3, 1e3), doc="position of the window's centre from the axis")
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
-    bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", doc="width of a wavelength bin")
+    bin_width: float = param(10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", example=20.0, doc="width of a wavelength bin")
 
     def __post_init__(self) -> None:
         spectra.check_illuminant(self.illuminant, self.wavelength_from, self.wavelength_to)
@@ -370,7 +370,10 @@ class Photograph(Scene):
     those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
     """
 
-    file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
+    file: str = param(
+        file=True, example="package:etendue/data/examples/picture.png",
+        doc="the picture; package:matplotlib/... names a file of an installed distribution",
+    )  # fmt: skip
     libraries: ClassVar = ("colour-science", "pillow", "tifffile")
 
     def band_limit(self) -> float:

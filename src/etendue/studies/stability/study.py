@@ -1,0 +1,92 @@
+"""All checks of stability, in processes, with rows in the same order however many there are.
+
+In:  names of stages; none: all stages, kernels and cameras.
+Out: rows, as they are found.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+from etendue.errors import PluginError, RequestError, nearest
+from etendue.registry import installed_stages
+from etendue.studies.stability.rows import Row
+
+WHAT = {"stage": "a stage", "kernels": "closed forms", "camera": "a camera"}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A share of the work that one process does: a stage, the closed forms, some cameras."""
+
+    what: str
+    name: str
+
+
+Told = Callable[[int, int, str], None]  # parts done, of so many, the last one
+
+
+def parts(names: Sequence[str]) -> list[Part]:
+    """What is to be done.
+
+    Raises
+    ------
+    RequestError
+        A name is that of no installed stage.
+    """
+    registry = installed_stages()
+    for name in names:
+        if name not in registry:
+            raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}")
+    return [Part("stage", name) for name in (names or registry.names())]
+
+
+def rows_of_part(part: Part) -> list[Row]:
+    """Done in a worker process."""
+    from etendue.studies.stability.stages import rows_of
+
+    try:
+        return list(rows_of(part.name))
+    except PluginError as error:
+        return [Row(part.name, "it can be loaded", "", False, why=str(error))]
+
+
+def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None) -> list[Row]:
+    """Every row, in the order of the parts: processes change nothing but the time."""
+    every = parts(names)
+    found: dict[Part, list[Row]] = {}
+    for number, (part, rows) in enumerate(done(every, workers or os.cpu_count() or 1), 1):
+        found[part] = rows
+        told(number, len(every), part.name)
+    return [row for part in every for row in found[part]]
+
+
+def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
+    """Parts as they end."""
+    if workers == 1 or len(every) == 1:
+        for part in every:
+            yield part, rows_of_part(part)
+        return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=begin)
+    try:
+        waiting = {pool.submit(rows_of_part, part): part for part in every}
+        for future in as_completed(waiting):
+            part = waiting[future]
+            try:
+                yield part, future.result()
+            except BrokenProcessPool:
+                yield part, [Row(part.name, "its process lives", "", False, why="a process ended while it was tried, or one beside it")]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def begin() -> None:
+    """In a new worker: one thread inside, and Ctrl-C is the owner's to answer."""
+    from etendue.run.workers import begin_worker
+
+    begin_worker()
