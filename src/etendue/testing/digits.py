@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.plan.parameters import SMALLEST
 from etendue.run.tables import prepared_of
 from etendue.spec.capabilities import Transfer, is_random
 from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
@@ -79,14 +80,14 @@ def compare(bench: Bench, found: Trial, finer: Trial | None, where: str, precisi
         if bench.writes[variable].dtype != "float":
             continue
         with np.errstate(all="ignore"):
-            apart, scale = largest_difference(found.arrays[variable], exact), full_scale(exact)
+            off = ratio_of(largest_difference(found.arrays[variable], exact), max(full_scale(exact), SMALLEST))
         said = (
             "cancellation: even double precision loses digits, as long double shows" if precision == "float64"
             else "digits lost in single precision: a long sum in float32, or a difference of large numbers"
         )  # fmt: skip
         within(
-            ratio_of(apart, scale), bound,
-            f"{bench.name}: {said}; {variable} is off by {ratio_of(apart, scale):.2g} of its largest value on {where}, allowed {bound:.2g}",
+            off, bound,
+            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}, allowed {bound:.2g}",
         )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.plan.parameters import SMALLEST
 from etendue.spec.stage import parameters_of
 from etendue.testing.bench import Bench, Trial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
@@ -88,7 +89,7 @@ def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, round
     if not base.done:
         return
     for variable, now in base.arrays.items():
-        scale = full_scale(now)
+        scale = max(full_scale(now), SMALLEST)
         apart = {
             word: ratio_of(largest_difference(trial.arrays[variable], now), scale)
             for word, trial in moved.items()

@@ -26,7 +26,7 @@ class ChargeFraction(Stage):
     gain: ClassVar = 1.0
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 1.0
-    error: ClassVar = proved(1e-7, 3e-16)
+    error: ClassVar = proved(1.3e-7, 3e-16)  # the factor and the product are rounded
 
     pixel_pitch: float = quantity("pixel_pitch")
     aperture_fraction: float = quantity("aperture_fraction")

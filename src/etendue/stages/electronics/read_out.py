@@ -137,7 +137,8 @@ class Adc(GainChain, Noisy):
     read_noise_after: float = quantity("read_noise_after")
 
     def __post_init__(self) -> None:
-        analogue_gain(self)  # a speed that cannot be had is refused before anything runs
+        analogue_gain(self)  # a speed that cannot be had is refused before anything runs, and so are codes without room above black
+        converter.top_code(self.bits, self.black_level)
 
     def variance(self, charge: float) -> float:
         return 1 / (12 * self.dn_per_electron() ** 2)

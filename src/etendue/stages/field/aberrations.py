@@ -35,21 +35,26 @@ class Aberrations(Blur, Aberrated, Banded):
     displacement belongs to ``distortion``. Spots are cut off where their tails hold half of ``accuracy``.
     """
 
-    obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
+    obstruction: float = param(
+        0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
+    )
     accuracy: float = param(
-        0.03, at_least=5e-3, at_most=0.2, fidelity=True, reference="the spread function of every point, whole",
+        0.03, at_least=5e-3, at_most=0.2, fidelity=True, example=0.2, reference="the spread function of every point, whole",
         doc="largest error of the blur as a share of full scale; half of it is light in tails that are cut off",
     )  # fmt: skip
     heights: int = param(
-        9, at_least=2, at_most=65, fidelity=True, reference="the spread function of every point", doc="image heights of the bank"
-    )
+        9, at_least=2, at_most=65, fidelity=True, example=3, reference="the spread function of every point",
+        doc="image heights of the bank",
+    )  # fmt: skip
     bands: int = param(
-        5, at_least=1, at_most=64, fidelity=True, reference="as many as there are bands", doc="wavelengths of the bank, mixed in between"
+        5, at_least=1, at_most=64, fidelity=True, example=1, reference="as many as there are bands",
+        doc="wavelengths of the bank, mixed in between",
     )  # fmt: skip
     method: str = param("auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is cheaper")
     light: str = param("bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light")
     pupil_samples: int = param(
-        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, reference="1024 samples", doc="cells across the pupil; wide spots take more"
+        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, example=32, reference="1024 samples",
+        doc="cells across the pupil; wide spots take more",
     )  # fmt: skip
 
     gain: ClassVar[float | None] = None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame

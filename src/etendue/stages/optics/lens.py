@@ -58,7 +58,9 @@ class Diffraction(Blur, Cone, Transfer):
 
     once: ClassVar = ("diffraction",)
     radial: ClassVar = True
-    obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
+    obstruction: float = param(
+        0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
+    )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         number = self.cone_f_number()

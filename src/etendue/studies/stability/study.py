@@ -17,15 +17,17 @@ from etendue.errors import PluginError, RequestError, nearest
 from etendue.registry import installed_stages
 from etendue.studies.stability.rows import Row
 
-WHAT = {"stage": "a stage", "kernels": "closed forms", "camera": "a camera"}
+SHARES = 12  # of the cameras: as many parts
 
 
 @dataclass(frozen=True)
 class Part:
     """A share of the work that one process does: a stage, the closed forms, some cameras."""
 
-    what: str
+    what: str  # stage, forms or cameras
     name: str
+    share: int = 0
+    stages: frozenset[str] = frozenset()  # of the closed forms: of these alone
 
 
 Told = Callable[[int, int, str], None]  # parts done, of so many, the last one
@@ -43,15 +45,21 @@ def parts(names: Sequence[str]) -> list[Part]:
     for name in names:
         if name not in registry:
             raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}")
-    return [Part("stage", name) for name in (names or registry.names())]
+    forms = Part("forms", "closed forms", stages=frozenset(names))
+    cameras = [] if names else [Part("cameras", "whole cameras", share) for share in range(SHARES)]
+    return [*(Part("stage", name) for name in sorted(set(names)) or registry.names()), forms, *cameras]
 
 
 def rows_of_part(part: Part) -> list[Row]:
     """Done in a worker process."""
-    from etendue.studies.stability.stages import rows_of
+    from etendue.studies.stability import cameras, kernels, stages
 
     try:
-        return list(rows_of(part.name))
+        if part.what == "forms":
+            return list(kernels.rows_of_forms(part.stages))
+        if part.what == "cameras":
+            return list(cameras.rows_of_cameras(part.share, SHARES))
+        return list(stages.rows_of(part.name))
     except PluginError as error:
         return [Row(part.name, "it can be loaded", "", False, why=str(error))]
 
@@ -63,7 +71,9 @@ def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, 
     for number, (part, rows) in enumerate(done(every, workers or os.cpu_count() or 1), 1):
         found[part] = rows
         told(number, len(every), part.name)
-    return [row for part in every for row in found[part]]
+    rows = [row for part in every for row in found[part]]
+    place = {name: number for number, name in enumerate(dict.fromkeys(row.stage for row in rows))}
+    return sorted(rows, key=lambda row: place[row.stage])  # closed forms beside the stages that they serve
 
 
 def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
@@ -74,7 +84,8 @@ def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
         return
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=begin)
     try:
-        waiting = {pool.submit(rows_of_part, part): part for part in every}
+        longest_first = sorted(every, key=lambda part: part.what == "stage")
+        waiting = {pool.submit(rows_of_part, part): part for part in longest_first}
         for future in as_completed(waiting):
             part = waiting[future]
             try:

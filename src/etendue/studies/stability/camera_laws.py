@@ -1,6 +1,6 @@
-"""Laws that a whole camera obeys, whatever its values: for ``random_cameras.py``.
+"""Laws that a whole camera obeys, whatever its values.
 
-In:  a pipeline document as ``drawn_cameras`` makes them, and a way to run one.
+In:  a pipeline document whose stages have the names of their slots, and a way to run one.
 Out: for each law, twins of the camera on which it can be told, and what breaks it.
 
 bounded      everything is finite (but for what is declared to be undefined), display in [0, 1], raw within the converter's codes
@@ -23,6 +23,7 @@ from scipy.ndimage import minimum_filter
 
 from etendue.registry import installed_stages
 from etendue.spec.stage import parameters_of, writes_of
+from etendue.testing import measured
 
 Document = dict[str, Any]
 Run = Callable[[Document], Any]  # a document to its tree
@@ -49,6 +50,7 @@ LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutr
 MATRIX = "fit.colour_matrix"
 STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
 GREY = 2e-3
+FLUX, LINEAR = 5e-6, 1e-5  # of the largest value, in float32 through transforms
 WHITE = 1e-6
 ROUNDINGS, LARGEST = 8, 1e3  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
 
@@ -218,6 +220,7 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
         # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far as sites differ
         means = display.mean(axis=(2, 3))
         apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)
+    measured.told(float(apart.max()), GREY)
     for step, value in enumerate(apart):
         if value > GREY:
             seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))
@@ -233,6 +236,8 @@ def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterato
     """Along the first axis nothing falls by more than rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
+    if falls.size:
+        measured.told(max(float(falls.max()), 0.0) / scale, ROUNDING + allowed / scale)
     if falls.size and falls.max() > ROUNDING * scale + allowed:
         at = np.unravel_index(int(falls.argmax()), falls.shape)
         before, after = (float(found[(at[0] + i, *at[1:])]) for i in (0, 1))
@@ -246,6 +251,7 @@ def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
     allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)
     away = np.where(clipped, away, 0)
+    measured.told(float(away.max(initial=0.0)), allowed)
     if away.size and away.max() > allowed:
         step, row, column = np.unravel_index(int(away.argmax()), away.shape)
         seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
@@ -289,7 +295,8 @@ def flux(made: Document, tree: Any) -> Iterator[Broken]:
     first, last = (array(tree, place.partition(".")[0], "irradiance").astype(np.float64) for place in (made["wanted"] * 2)[:2])
     scale = first.max()
     away = np.abs(last - first).max()
-    if away > 5e-6 * scale:
+    measured.told(float(away / scale) if scale else 0.0, FLUX)
+    if away > FLUX * scale:
         behind = made["wanted"][-1].partition(".")[0]
         yield Broken("flux", f"a uniform plane behind {behind} is off by {away / scale:.3g} of itself")
 
@@ -308,5 +315,6 @@ def linear(made: Document, tree: Any) -> Iterator[Broken]:
     once, ten = array(tree, "cfa", "photocurrent").astype(np.float64)
     scale = np.abs(ten).max()
     away = np.abs(ten - 10 * once).max()
-    if away > 1e-5 * scale:
+    measured.told(float(away / scale) if scale else 0.0, LINEAR)
+    if away > LINEAR * scale:
         yield Broken("linear", f"ten times the light is off ten times the current by {away / max(scale, 1e-300):.3g} of the largest")
