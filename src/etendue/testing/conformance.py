@@ -234,6 +234,7 @@ class StageConformance(ExtremeLaws):
             below = with_value(ordinary[port], -0.01 * bench.scale(port))
             trial = bench.run({**ordinary, port: below})
             if policy == "keep":
+                hold(not trial.undefined, f"{bench.name} declares negative = 'keep', but makes NaN of a negative {port}: {trial.last_line}")
                 clear = trial.done or trial.refused_in_words
                 hold(clear, f"{bench.name} declares negative = 'keep', but fails on it in {port}: {trial.last_line}")
             elif policy == "clip":

@@ -27,7 +27,7 @@ STEP = 0.3  # of a channel, from which a matrix is told
 
 def order_kept(bench: Bench) -> None:
     """No value falls where what is read rises, at one place or everywhere; rounding apart."""
-    port = bench.one_array
+    port = frame_read(bench)
     if "order" not in bench.kind.keeps or port is None or not bench.steady:
         return
     for what in ("ordinary", "decades", "point", "zeros"):
@@ -38,9 +38,15 @@ def order_kept(bench: Bench) -> None:
                 for change in (inputs[port] * (factor - 1), spot(inputs[port], (factor - 1) * bench.scale(port) * level)):
                     more = inputs[port] + change
                     more = np.minimum(np.rint(more), 65535) if bench.reads[port].dtype != "float" else more
-                    trial = bench.run({port: more})
+                    trial = bench.run({**inputs, port: more})
                     if base.done and trial.done:
                         check_order(bench, base.arrays, trial.arrays, f"{port} of {what} input x {level:g} rises by {factor - 1:g}")
+
+
+def frame_read(bench: Bench) -> str | None:
+    """The port of the one frame that a stage reads, beside what has no place."""
+    frames = [port for port, declaration in bench.reads.items() if {"y", "x"} <= set(declaration.dims)]
+    return frames[0] if len(frames) == 1 and not bench.looks else None
 
 
 def spot(array: Any, height: float) -> Any:
@@ -60,12 +66,13 @@ def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
 
 def sum_kept(bench: Bench) -> None:
     """What leaves one place arrives at another: the sum over the frame, of a light that is far from its borders."""
-    port = bench.one_array
+    port = frame_read(bench)
     if "sum" not in bench.kind.keeps or port is None or not bench.steady:
         return
     main = next(iter(bench.writes))
     frame = (33, 35)
-    inputs = bench.arrays("zeros", frame)
+    inputs = bench.arrays("ordinary", frame)
+    inputs[port] = np.zeros_like(inputs[port])
     inputs[port][..., 16, 17] = bench.scale(port)
     trial = bench.result(inputs, frame=frame)
     before, after = inputs[port].sum(), float(np.asarray(trial.arrays[main], dtype=float).sum())

@@ -17,7 +17,7 @@ import numpy as np
 
 from etendue.plan.parameters import SMALLEST
 from etendue.spec.stage import parameters_of
-from etendue.testing.bench import Bench, Trial, full_scale, largest_difference
+from etendue.testing.bench import Arrays, Bench, Trial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
 from etendue.testing.measured import hold, magnified, ratio_of, within
@@ -48,7 +48,7 @@ def input_changes(bench: Bench) -> None:
                 "an ulp": bench.run({**inputs, port: np.nextafter(inputs[port], np.inf)}),
                 "1e-6": bench.run({**inputs, port: inputs[port] * (1 + STEP)}),
             }
-            compare(bench, base, moved, f"{port} of {what} input", bench_bound(bench, inputs))
+            compare(bench, base, moved, f"{port} of {what} input", inputs)
 
 
 def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> None:
@@ -69,7 +69,7 @@ def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> Non
             trial = None if near is None else with_parameter(bench, name, near, inputs)
             if trial is not None:
                 trials[word] = trial
-        compare(bench, base, trials, f"{name} = {value:g}", bench_bound(bench, inputs))
+        compare(bench, base, trials, f"{name} = {value:g}", inputs)
 
 
 def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial | None:
@@ -85,11 +85,14 @@ def bench_bound(bench: Bench, inputs: Any) -> float:
     return 2 * max(UNSTATED["float64"], min(1e-6, bound_of(bench, inputs, "float64")))
 
 
-def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, rounding: float) -> None:
+def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, inputs: Arrays) -> None:
+    """Relative to the largest value of a result, or of what it was made of where a stage writes what it reads."""
     if not base.done:
         return
+    rounding = bench_bound(bench, inputs)
+    read = {d.variable: full_scale(inputs[port]) for port, d in bench.reads.items()}
     for variable, now in base.arrays.items():
-        scale = max(full_scale(now), SMALLEST)
+        scale = max(full_scale(now), read.get(variable, 0.0), SMALLEST)
         apart = {
             word: ratio_of(largest_difference(trial.arrays[variable], now), scale)
             for word, trial in moved.items()

@@ -293,10 +293,10 @@ def richardson_lucy(
     result, done = np.empty_like(planes), np.empty(planes.shape[0])
     for channel, plane in enumerate(planes):
         whole = sampling.pad(plane)
-        lift = max(float(pedestal), -float(whole.min()))
-        if lift > FAR_ABOVE * float(whole.max()):  # single precision would keep the lift and lose the picture
+        wanted = max(float(pedestal), -float(whole.min()))
+        if wanted > FAR_ABOVE * float(whole.max()):  # single precision would keep the lift and lose the picture
             whole = whole.astype(np.float64)
-        lift = whole.dtype.type(lift)
+        lift = whole.dtype.type(wanted)
         # where the lift is the smallest value itself, rounding must not leave it below 0
         estimate, done[channel] = richardson_lucy_periodic(
             np.maximum(whole + lift, 0), transfer[channel], iterations, total_variation, float(limits[channel]), plane.shape, start

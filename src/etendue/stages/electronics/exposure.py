@@ -122,6 +122,7 @@ class FullWell(Bounded):
     role: ClassVar = "full well"
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
     elementwise: ClassVar = True
     negative: ClassVar = "keep"

@@ -23,6 +23,7 @@ class ChargeFraction(Stage):
     role: ClassVar = "linearisation"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = 1.0
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 1.0

@@ -128,6 +128,7 @@ class Adc(GainChain, Noisy):
     role: ClassVar = "converter"
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"raw": "y x [DN] uint16"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # it clips, and rounds to whole codes
     elementwise: ClassVar = True
     negative: ClassVar = "keep"
@@ -173,6 +174,7 @@ class Linearise(KnownNoise, Scaled):
     role: ClassVar = "linearisation"
     reads: ClassVar = {"raw": "y x [DN] uint16"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     elementwise: ClassVar = True
     nanoseconds: ClassVar = 2.0

@@ -73,12 +73,10 @@ def base() -> Document:
     return tomllib.loads((resources.files("etendue") / "data" / "extreme_camera.toml").read_text(encoding="utf-8"))
 
 
-def changed(scene: Document | None = None, frame: tuple[int, int] | None = None, **quantities: Any) -> Document:
+def changed(scene: Document | None = None, quantities: Document | None = None, frame: tuple[int, int] | None = None) -> Document:
     """The camera with other quantities, another scene, another frame: the light is as wide as its pixels, twice sampled."""
     made = base()
-    made["camera"] |= quantities
-    if math.inf in quantities.values():
-        made["camera"] = {name: "inf" if value == math.inf else value for name, value in made["camera"].items()}
+    made["camera"] |= {name: "inf" if value == math.inf else value for name, value in (quantities or {}).items()}
     lit, pixel = of(made, "scene"), of(made, "pixel")
     assert lit is not None
     assert pixel is not None
@@ -103,17 +101,17 @@ def cameras() -> Iterator[tuple[str, Document]]:
     yield "ordinary", changed()
     for name, values in EXTREMES.items():
         for value in values:
-            yield f"{name} = {value:g}", changed(**{name: value})
+            yield f"{name} = {value:g}", changed(quantities={name: value})
     for charge in CHARGES:
         words = {"white_luminance": of(base(), "scene")["white_luminance"] * charge / white_charge()}  # type: ignore[index]
         name = "1 electron" if charge == 1 else f"{charge:g} electrons"
         yield f"white of {name}", changed(words)
-        yield f"white of {name} in a well that holds it", changed(words, full_well_density=min(1e9, max(1.0, charge / 10)))
+        yield f"white of {name} in a well that holds it", changed(words, {"full_well_density": min(1e9, max(1.0, charge / 10))})
     for luminance in LUMINANCES:
         yield f"luminance {luminance:g} cd m-2", changed({"white_luminance": luminance})
     for name, word in WORDS.items():
-        yield f"{name} = {word}", changed(**{name: word})
-    yield "through filters of 0.1 um", changed(crosstalk="through_filter", pixel_pitch=0.1)
+        yield f"{name} = {word}", changed(quantities={name: word})
+    yield "through filters of 0.1 um", changed(quantities={"crosstalk": "through_filter", "pixel_pitch": 0.1})
     yield from scenes()
     for frame in FRAMES:
         yield f"{frame[0]} x {frame[1]} pixels", changed(frame=frame)
@@ -129,11 +127,11 @@ def scenes() -> Iterator[tuple[str, Document]]:
     yield "black scene", changed(scene("uniform", reflectance=0.0))
     yield (
         "black scene, no dark current, no noise",
-        changed(scene("uniform", reflectance=0.0), dark_current_density=0.0, read_noise=0.0, dsnu=0.0),
+        changed(scene("uniform", reflectance=0.0), {"dark_current_density": 0.0, "read_noise": 0.0, "dsnu": 0.0}),
     )
-    yield "saturated everywhere", changed(scene("uniform", reflectance=1.0), integration_time=1e3)
+    yield "saturated everywhere", changed(scene("uniform", reflectance=1.0), {"integration_time": 1e3})
     yield "scene of 1e8 : 1", changed({"low": 1e-8, "high": 1.0})
-    yield "scene of 1e8 : 1, saturated", changed({"low": 1e-8, "high": 1.0}, integration_time=1e4)
+    yield "scene of 1e8 : 1, saturated", changed({"low": 1e-8, "high": 1.0}, {"integration_time": 1e4})
     yield "scene of 1 : 0", changed({"low": 0.0, "high": 1.0})
     yield "points on black", changed(scene("points", background=0.0, pitch=27.0, spot_sigma=2.7))
     yield "1 band", changed({"bin_width": 300.0})
@@ -159,7 +157,7 @@ def drawn(shares: list[float]) -> Document:
         for (name, (low, high)), share in zip(RANGES.items(), shares, strict=True)
     }
     lit = {"white_luminance": values.pop("luminance"), "low": values.pop("dark"), "high": 1.0}
-    return changed(lit, **values)
+    return changed(lit, values)
 
 
 @cache

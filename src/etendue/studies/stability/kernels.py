@@ -60,12 +60,17 @@ def _paraxial(number: float, magnification: float, angle: float) -> Any:
     return radiometry.flat_disc_factor(number, magnification) * radiometry.cos4(_tangent(angle))
 
 
-def _chain(f: Any, wavelength: float, number: float, side: float, *diode: float) -> Any:
-    return diffraction.circular_otf(f, wavelength, number) * photodiode.collection_mtf(f, *diode) * photodiode.aperture_otf(f, side)
+def _chain(f: Any, wavelength: float, number: float, side: float, absorption: float, depletion: float, depth: float, length: float) -> Any:
+    silicon = photodiode.collection_mtf(f, absorption, depletion, depth, length)
+    return diffraction.circular_otf(f, wavelength, number) * silicon * photodiode.aperture_otf(f, side)
 
 
-def _mirrored(*given: float) -> Any:
-    return photodiode.collection_mtf(given[-1], *given[:-1], back="reflecting")
+def _mtf(absorption: float, depletion: float, depth: float, length: float, frequency: Any) -> Any:
+    return photodiode.collection_mtf(frequency, absorption, depletion, depth, length)
+
+
+def _mirrored(absorption: float, depletion: float, depth: float, length: float, frequency: Any) -> Any:
+    return photodiode.collection_mtf(frequency, absorption, depletion, depth, length, back="reflecting")
 
 
 def _quantised(mean: float, spread: float) -> list[float]:
@@ -84,7 +89,7 @@ FORMS = {
     "irradiance_disk": Form("falloff", lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
     "irradiance_abbe": Form("irradiance", radiometry.aplanatic_factor),
     "diffusion_D": Form("diffusion", lambda *given: photodiode.collection(given[-1], *given[:-1])),
-    "diffusion_mtf": Form("diffusion", lambda *given: photodiode.collection_mtf(given[-1], *given[:-1]), True),
+    "diffusion_mtf": Form("diffusion", _mtf, True),
     "diffusion_mtf_reflecting": Form("diffusion", _mirrored, True),
     "system_mtf_x": Form("resolution", _chain),
     "photons_from_energy": Form("pixel", radiometry.photons_from_energy),
@@ -144,7 +149,7 @@ def judged(form: Form, law: str, case: str, given: list[float], expected: Any, c
     same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
     with np.errstate(all="ignore"):
         off = np.where(same | (np.abs(got - wanted) <= form.least), 0.0, np.abs(got - wanted) / np.abs(wanted))
-    error = float(np.max(np.where(np.isnan(off), np.inf, off)))
-    ok = error <= bound
+    worst = float(np.max(np.where(np.isnan(off), np.inf, off)))
+    ok = worst <= bound
     why = "" if ok else f"gives {np.ravel(got)[0]:.17g}, and 60 digits give {np.ravel(wanted)[0]:.17g}"
-    return Row(form.stage, law, case, ok, error, bound, condition, why)
+    return Row(form.stage, law, case, ok, worst, bound, condition, why)
