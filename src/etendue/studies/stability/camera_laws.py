@@ -14,8 +14,10 @@ linear       ten times the light is ten times the photocurrent
 from __future__ import annotations
 
 import copy
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -30,20 +32,9 @@ Run = Callable[[Document], Any]  # a document to its tree
 
 TIMES = tuple(10.0**k for k in range(-3, 4))
 ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encodings; a grey level of 8 bits is 4e-3
-EXPOSING = (
-    "meter",
-    "expose",
-    "shot",
-    "well",
-    "read",
-    "lines",
-    "convert",
-    "stuck",
-    "linear",
-    "ideal",
-    "correct",
-)  # slots behind which noise and codes are
-UNEVEN = ("falloff", "vignetting", "angular", "distortion", "defects", "shading")  # slots that make a uniform plane uneven
+WORDS = tomllib.loads((resources.files("etendue") / "data" / "camera_laws.toml").read_text(encoding="utf-8"))
+STAND_IN, METER, ENCODED, FLAWED = WORDS["stand_in"], WORDS["metering"], WORDS["encoded"], WORDS["flawed"]
+EXPOSING, UNEVEN, LOOKING = (tuple(WORDS[word]) for word in ("exposing", "uneven", "looking"))  # names of slots
 SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
 PERIOD = 6  # pixels: of the longest mask, X-Trans
 LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
@@ -74,12 +65,16 @@ def twin(document: Document, wanted: list[str], axis: str, values: list[float]) 
     The time of a metered camera is what is swept, and white is that of the light, not of the picture.
     """
     made = copy.deepcopy(document)
-    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, "meter"))
-    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, "meter", "restore", "estimate")]
-    kept.insert(first, {"use": "ideal_mosaic", "name": "ideal"})
-    measures = next(n for n, stage in enumerate(kept) if stage["name"] == "encode") + 1
+    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, METER))
+    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, METER, *LOOKING)]
+    kept.insert(first, {"use": STAND_IN["noise_free"], "name": "ideal"})
+    measures = next(n for n, stage in enumerate(kept) if stage["name"] == ENCODED) + 1
     made["stages"] = kept[:measures]
-    for slot, words in (("white", {"use": "white"}), ("balanced", {"highlights": "neutral"}), ("to_xyz_scene", {"highlights": "neutral"})):
+    for slot, words in (
+        ("white", {"use": STAND_IN["known_white"]}),
+        ("balanced", {"highlights": "neutral"}),
+        ("to_xyz_scene", {"highlights": "neutral"}),
+    ):
         if (stage := of(made, slot)) is not None:
             stage |= words
     made["wanted"], made["sweep"] = wanted, {axis: values}
@@ -91,17 +86,17 @@ def uniform(made: Document, reflectance: float = 0.4) -> Document:
     """With a uniform grey scene behind optics that leave it so, its white on the display the display's own."""
     scene = of(made, "scene")
     assert scene is not None
-    own = {*parameters_of(installed_stages().load("uniform")), "name"}
+    own = {*parameters_of(installed_stages().load(STAND_IN["flat_scene"])), "name"}
     kept = {name: value for name, value in scene.items() if name in own}
     made["stages"] = [stage for stage in made["stages"] if stage["name"] not in UNEVEN]
-    made["stages"][0] = {**kept, "use": "uniform", "reflectance": reflectance}
+    made["stages"][0] = {**kept, "use": STAND_IN["flat_scene"], "reflectance": reflectance}
     display = (of(made, "display") or {}).get("display", "sRGB")
     for slot, words in (("fit", {"white": "kept"}), ("adapt", {"target": display, "gains": "white"})):
         stage = of(made, slot)
         assert stage is not None
         stage |= words
     lens = of(made, "lens")
-    if lens is not None and lens["use"] == "lens_psf_field":
+    if lens is not None and lens["use"] == STAND_IN["by_source"]:
         lens["weights"] = "image"  # 'source' keeps a point's flux, and a plane only as even as the pictures are
     return made
 
@@ -184,7 +179,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
         stage, _, variable = place.partition(".")
         if variable == "mosaic_linear":
             yield from monotone(array(tree, stage, variable), place, "time")
-    display = array(tree, "encode", "rgb_display")
+    display = array(tree, ENCODED, "rgb_display")
     support = minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
     if same_white(made) and not array(tree, *LIFTED.split(".")).any():
         yield from white(display, support, float(np.abs(array(tree, *MATRIX.split("."))).max()))
@@ -208,7 +203,7 @@ def grey_over(document: Document, axis: str) -> Document:
 
 def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     what = "time" if "integration_time" in made["sweep"] else "light"
-    mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, "encode", "rgb_display")
+    mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, ENCODED, "rgb_display")
     largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
     behind = steep(largest)
     yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what, rounding(display, largest))
@@ -307,7 +302,7 @@ def light(document: Document) -> Document:
     made = twin(document, ["cfa.photocurrent"], "scene.white_luminance", [level, 10 * level])
     made["stages"][0].pop("white_luminance")
     made = cut_behind(made, "cfa")
-    made["stages"] = [stage for stage in made["stages"] if stage["name"] != "defects"]
+    made["stages"] = [stage for stage in made["stages"] if stage["name"] != FLAWED]
     return made
 
 

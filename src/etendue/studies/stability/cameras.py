@@ -20,7 +20,7 @@ import numpy as np
 from etendue.errors import EtendueError, PluginError, RequestError
 from etendue.session import simulate
 from etendue.studies.stability import camera_laws
-from etendue.studies.stability.camera_laws import Broken, Document, Fault, Refused, of
+from etendue.studies.stability.camera_laws import STAND_IN, Broken, Document, Fault, Refused, of
 from etendue.studies.stability.rows import Row
 from etendue.telling import said
 from etendue.testing.cases import sobol
@@ -88,7 +88,7 @@ def changed(scene: Document | None = None, quantities: Document | None = None, f
     if made["camera"].get("crosstalk") == "through_filter":
         made["stages"] = [stage for stage in made["stages"] if stage["name"] != "diffusion"]
         place = next(n for n, stage in enumerate(made["stages"]) if stage["name"] == "cfa")
-        made["stages"].insert(place + 1, {"use": "crosstalk", "name": "crosstalk"})
+        made["stages"].insert(place + 1, {"use": STAND_IN["behind_filters"], "name": "behind_filters"})
     return made
 
 
@@ -124,16 +124,16 @@ def cameras() -> Iterator[tuple[str, Document]]:
 
 def scenes() -> Iterator[tuple[str, Document]]:
     """What there is to see: black, full, of great contrast, in few bands and in many."""
-    yield "black scene", changed(scene("uniform", reflectance=0.0))
+    yield "black scene", changed(scene(STAND_IN["flat_scene"], reflectance=0.0))
     yield (
         "black scene, no dark current, no noise",
-        changed(scene("uniform", reflectance=0.0), {"dark_current_density": 0.0, "read_noise": 0.0, "dsnu": 0.0}),
+        changed(scene(STAND_IN["flat_scene"], reflectance=0.0), {"dark_current_density": 0.0, "read_noise": 0.0, "dsnu": 0.0}),
     )
-    yield "saturated everywhere", changed(scene("uniform", reflectance=1.0), {"integration_time": 1e3})
+    yield "saturated everywhere", changed(scene(STAND_IN["flat_scene"], reflectance=1.0), {"integration_time": 1e3})
     yield "scene of 1e8 : 1", changed({"low": 1e-8, "high": 1.0})
     yield "scene of 1e8 : 1, saturated", changed({"low": 1e-8, "high": 1.0}, {"integration_time": 1e4})
     yield "scene of 1 : 0", changed({"low": 0.0, "high": 1.0})
-    yield "points on black", changed(scene("points", background=0.0, pitch=27.0, spot_sigma=2.7))
+    yield "points on black", changed(scene(STAND_IN["spots"], background=0.0, pitch=27.0, spot_sigma=2.7))
     yield "1 band", changed({"bin_width": 300.0})
     yield "1 band, no colour", {**changed({"bin_width": 300.0}), "wanted": ["convert.raw", "demosaic.rgb_camera"]}
     yield "300 bands", changed({"bin_width": 1.0})
@@ -146,7 +146,7 @@ def without_bayer(made: Document) -> Document:
     made["camera"]["pattern"] = "X-Trans"
     stage = of(made, "demosaic")
     assert stage is not None
-    stage["use"] = "demosaic_any"
+    stage["use"] = STAND_IN["any_mask"]
     return made
 
 
@@ -163,7 +163,7 @@ def drawn(shares: list[float]) -> Document:
 @cache
 def white_charge() -> float:
     """Electrons of the brightest pixel of the ordinary camera."""
-    made = changed(scene("uniform", reflectance=1.0))
+    made = changed(scene(STAND_IN["flat_scene"], reflectance=1.0))
     return float(np.max(camera_laws.array(run({**made, "wanted": ["expose.expected_charge"]}), "expose", "expected_charge")))
 
 

@@ -35,7 +35,6 @@ Kernel = Callable[..., Any]
 class Form:
     """A kernel that a closed form is known of."""
 
-    stage: str
     kernel: Kernel
     single: bool = False  # kept in single precision where its first argument is
     least: float = CUT  # absolute error that is allowed anyway
@@ -78,41 +77,41 @@ def _quantised(mean: float, spread: float) -> list[float]:
 
 
 FORMS = {
-    "airy_intensity": Form("lens_numbers", diffraction.airy_intensity),
-    "airy_psf_density": Form("lens_numbers", diffraction.airy_psf_density),
-    "airy_encircled": Form("lens_numbers", diffraction.airy_encircled),
-    "airy_outside": Form("lens_numbers", diffraction.airy_outside),
-    "otf_diffraction": Form("diffraction", diffraction.circular_otf),
-    "pixel_airy": Form("diffraction", diffraction.pixel_airy, least=1e-15),  # edges of order 0.1, whose rounding a faint pixel has
-    "mtf_geometric": Form("pixel", photodiode.aperture_otf),
-    "irradiance_paraxial": Form("irradiance", _paraxial),
-    "irradiance_disk": Form("falloff", lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
-    "irradiance_abbe": Form("irradiance", radiometry.aplanatic_factor),
-    "diffusion_D": Form("diffusion", lambda *given: photodiode.collection(given[-1], *given[:-1])),
-    "diffusion_mtf": Form("diffusion", _mtf, True),
-    "diffusion_mtf_reflecting": Form("diffusion", _mirrored, True),
-    "system_mtf_x": Form("resolution", _chain),
-    "photons_from_energy": Form("pixel", radiometry.photons_from_energy),
-    "i_max": Form("dynamic_range", lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
-    "i_min": Form("dynamic_range", dynamic_range.smallest_current),
-    "dr_db": Form("dynamic_range", lambda well, t, dark, read, dsnu: dynamic_range.dynamic_range_elgamal(well, _dark(dark, t), read, dsnu)),
-    "snr_db": Form("exposure_numbers", lambda n, t, dark, read, dsnu, prnu: dynamic_range.snr_db(n, _dark(dark, t), read, dsnu, prnu)),
-    "emva_snr": Form("dynamic_range", dynamic_range.emva_snr),
-    "emva_mu_p_min": Form("dynamic_range", dynamic_range.emva_smallest_photons),
-    "poisson_pmf": Form("shot_noise", distributions.poisson_pmf),
-    "poisson_logpmf": Form("shot_noise", distributions.poisson_logpmf),
-    "quantised_gauss": Form("adc", _quantised, least=1e-50),
-    "lab": Form("encode", lambda *xyz: difference.lab(xyz[:3], xyz[3:])),
-    "de2000": Form("encode", lambda *lab: difference.delta_e_2000(lab[:3], lab[3:])),
-    "srgb_encode": Form("encode", encoding.srgb_encode, True),
-    "srgb_decode": Form("decode", encoding.srgb_decode, True),
-    "bt709_encode": Form("encode", encoding.bt709_encode, True),
-    "gamma_signed": Form("encode", encoding.gamma_signed, True),
-    "planck_photon_radiance": Form("uniform", planck.planck_photon_radiance),
-    "planck_ratio": Form("uniform", planck.planck_ratio),
-    "laplacian_response": Form("sharpen", lambda fx, fy: sharpening.laplacian_response(fy, fx)),
-    "sharpen_response": Form("sharpen", lambda fx, fy, k: sharpening.sharpen_response(fy, fx, k)),
-    "wiener_gain": Form("wiener", _wiener),
+    "airy_intensity": Form(diffraction.airy_intensity),
+    "airy_psf_density": Form(diffraction.airy_psf_density),
+    "airy_encircled": Form(diffraction.airy_encircled),
+    "airy_outside": Form(diffraction.airy_outside),
+    "otf_diffraction": Form(diffraction.circular_otf),
+    "pixel_airy": Form(diffraction.pixel_airy, least=1e-15),  # edges of order 0.1, whose rounding a faint pixel has
+    "mtf_geometric": Form(photodiode.aperture_otf),
+    "irradiance_paraxial": Form(_paraxial),
+    "irradiance_disk": Form(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
+    "irradiance_abbe": Form(radiometry.aplanatic_factor),
+    "diffusion_D": Form(lambda *given: photodiode.collection(given[-1], *given[:-1])),
+    "diffusion_mtf": Form(_mtf, True),
+    "diffusion_mtf_reflecting": Form(_mirrored, True),
+    "system_mtf_x": Form(_chain),
+    "photons_from_energy": Form(radiometry.photons_from_energy),
+    "i_max": Form(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
+    "i_min": Form(dynamic_range.smallest_current),
+    "dr_db": Form(lambda well, t, dark, read, dsnu: dynamic_range.dynamic_range_elgamal(well, _dark(dark, t), read, dsnu)),
+    "snr_db": Form(lambda n, t, dark, read, dsnu, prnu: dynamic_range.snr_db(n, _dark(dark, t), read, dsnu, prnu)),
+    "emva_snr": Form(dynamic_range.emva_snr),
+    "emva_mu_p_min": Form(dynamic_range.emva_smallest_photons),
+    "poisson_pmf": Form(distributions.poisson_pmf),
+    "poisson_logpmf": Form(distributions.poisson_logpmf),
+    "quantised_gauss": Form(_quantised, least=1e-50),
+    "lab": Form(lambda *xyz: difference.lab(xyz[:3], xyz[3:])),
+    "de2000": Form(lambda *lab: difference.delta_e_2000(lab[:3], lab[3:])),
+    "srgb_encode": Form(encoding.srgb_encode, True),
+    "srgb_decode": Form(encoding.srgb_decode, True),
+    "bt709_encode": Form(encoding.bt709_encode, True),
+    "gamma_signed": Form(encoding.gamma_signed, True),
+    "planck_photon_radiance": Form(planck.planck_photon_radiance),
+    "planck_ratio": Form(planck.planck_ratio),
+    "laplacian_response": Form(lambda fx, fy: sharpening.laplacian_response(fy, fx)),
+    "sharpen_response": Form(lambda fx, fy, k: sharpening.sharpen_response(fy, fx, k)),
+    "wiener_gain": Form(_wiener),
 }
 
 
@@ -121,16 +120,16 @@ def rows_of_forms(names: frozenset[str]) -> Iterator[Row]:
     found = json.loads((resources.files("etendue") / "data" / "closed_forms.json").read_text(encoding="utf-8"))
     for group in found["groups"]:
         form = FORMS[group["name"]]
-        if names and form.stage not in names:
+        if names and group["stage"] not in names:
             continue
         for given, expected, condition in group["cases"]:
             case = ", ".join(f"{name} = {value:g}" for name, value in zip(group["inputs"], given, strict=True))
-            yield judged(form, f"closed form {group['name']}", case, given, expected, condition, DOUBLE)
+            yield judged(group["stage"], form, f"closed form {group['name']}", case, given, expected, condition, DOUBLE)
             if form.single:
-                yield judged(form, f"closed form {group['name']}, 32 bits", case, given, expected, condition, SINGLE)
+                yield judged(group["stage"], form, f"closed form {group['name']}, 32 bits", case, given, expected, condition, SINGLE)
 
 
-def judged(form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float) -> Row:
+def judged(stage: str, form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float) -> Row:
     """One case: the largest relative error of what the kernel gives."""
     wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))
     bound = unit * max(1.0, condition)
@@ -143,13 +142,13 @@ def judged(form: Form, law: str, case: str, given: list[float], expected: Any, c
         with np.errstate(all="ignore"):
             got = np.asarray(form.kernel(*values), dtype=float)
     except ValueError as error:
-        return Row(form.stage, law, case, True, condition=condition, why=f"refused: {error}")
+        return Row(stage, law, case, True, condition=condition, why=f"refused: {error}")
     except Exception as error:
-        return Row(form.stage, law, case, False, condition=condition, why=said(error))
+        return Row(stage, law, case, False, condition=condition, why=said(error))
     same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
     with np.errstate(all="ignore"):
         off = np.where(same | (np.abs(got - wanted) <= form.least), 0.0, np.abs(got - wanted) / np.abs(wanted))
     worst = float(np.max(np.where(np.isnan(off), np.inf, off)))
     ok = worst <= bound
     why = "" if ok else f"gives {np.ravel(got)[0]:.17g}, and 60 digits give {np.ravel(wanted)[0]:.17g}"
-    return Row(form.stage, law, case, ok, worst, bound, condition, why)
+    return Row(stage, law, case, ok, worst, bound, condition, why)

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.registry import installed_stages
+from etendue.run.workers import begin_worker
+from etendue.studies.stability import cameras, kernels, stages
 from etendue.studies.stability.rows import Row
 
 SHARES = 12  # of the cameras: as many parts
@@ -52,8 +54,6 @@ def parts(names: Sequence[str]) -> list[Part]:
 
 def rows_of_part(part: Part) -> list[Row]:
     """Done in a worker process."""
-    from etendue.studies.stability import cameras, kernels, stages
-
     try:
         if part.what == "forms":
             return list(kernels.rows_of_forms(part.stages))
@@ -82,7 +82,7 @@ def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
         for part in every:
             yield part, rows_of_part(part)
         return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=begin)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=begin_worker)
     try:
         longest_first = sorted(every, key=lambda part: part.what == "stage")
         waiting = {pool.submit(rows_of_part, part): part for part in longest_first}
@@ -94,10 +94,3 @@ def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
                 yield part, [Row(part.name, "its process lives", "", False, why="a process ended while it was tried, or one beside it")]
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-def begin() -> None:
-    """In a new worker: one thread inside, and Ctrl-C is the owner's to answer."""
-    from etendue.run.workers import begin_worker
-
-    begin_worker()
