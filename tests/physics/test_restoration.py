@@ -256,3 +256,11 @@ def test_impossible_spectra_are_refused():
     for spectrum in (np.ones((2, 3)), np.zeros((2, 2)), np.array([[1.0, -1.0], [1.0, 1.0]])):
         with pytest.raises(ValueError, match="spectrum"):
             restoration_gain.response_noise_gain(np.ones((2, 2)), spectrum)
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.75, 1.0, 2.0, 70.0])
+def test_the_taps_change_little_where_one_more_comes_in(radius):
+    below, above = (sharpening.gaussian_taps(radius * (1 + step)) for step in (-1e-12, 1e-12))
+    inner = min(below.size, above.size)
+    edge = [taps[(taps.size - inner) // 2 : (taps.size + inner) // 2] for taps in (below, above)]
+    assert_allclose(edge[0], edge[1], rtol=0, atol=1e-10)  # e^-24.5 is 2e-11 of the middle tap
