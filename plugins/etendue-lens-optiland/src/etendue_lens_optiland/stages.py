@@ -77,19 +77,32 @@ class Blur(Moved, Banded, Bounded):
     once: ClassVar = ("diffraction",)
     nanoseconds: ClassVar = 400.0
 
-    fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles at which a point is traced")
+    fields: tuple[float, ...] = param(
+        (0.0, 22.0, 30.0), units="deg", at_least=0, below=89, example=(0.0, 22.0), doc="field angles at which a point is traced"
+    )
     heights: int = param(
         0, at_least=0, at_most=200, fidelity=True, reference="twice as many heights",
         doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: fields",
     )  # fmt: skip
     wavelengths: tuple[float, ...] = param(
-        (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which a point is traced; mixed linearly in between"
+        (450.0, 550.0, 650.0),
+        units="nm",
+        at_least=200,
+        at_most=5000,
+        example=(500.0, 600.0),
+        doc="at which a point is traced; mixed linearly in between",
     )
     pupil_samples: int = param(
-        128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil, at least"
+        128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", example=32, doc="cells across the pupil, at least"
     )
     lost: float = param(
-        0.02, above=0, at_most=0.5, fidelity=True, reference="a tenth of it", doc="flux of a picture that may lie outside its window"
+        0.02,
+        above=0,
+        at_most=0.5,
+        fidelity=True,
+        reference="a tenth of it",
+        example=0.2,
+        doc="flux of a picture that may lie outside its window",
     )
     window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
     tolerance: float = param(
