@@ -190,7 +190,9 @@ class Distortion(Moved, Banded, Bounded):
     gain: ClassVar[float | None] = 3.5  # of the quintic spline between samples of opposite signs: 3.3
     nanoseconds: ClassVar = 350.0
 
-    nodes: int = param(17, at_least=4, at_most=500, fidelity=True, reference="twice as many", doc="fields from the axis to the corner")
+    nodes: int = param(
+        17, at_least=4, at_most=500, fidelity=True, example=6, reference="twice as many", doc="fields from the axis to the corner"
+    )
     order: int = param(
         5, at_least=1, at_most=5, fidelity=True, reference="order 5 with oversampling 4", doc="of the spline between samples"
     )
@@ -255,8 +257,12 @@ class Illumination(Moved, Banded):
     wavelengths: tuple[float, ...] = param(
         (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which cones are traced; mixed linearly in between"
     )
-    nodes: int = param(9, at_least=4, at_most=200, fidelity=True, reference="twice as many", doc="fields from the axis to the corner")
-    pupil_samples: int = param(64, at_least=16, at_most=512, fidelity=True, reference="twice as many", doc="cells across the pupil")
+    nodes: int = param(
+        9, at_least=4, at_most=200, fidelity=True, example=4, reference="twice as many", doc="fields from the axis to the corner"
+    )
+    pupil_samples: int = param(
+        64, at_least=16, at_most=512, fidelity=True, example=16, reference="twice as many", doc="cells across the pupil"
+    )
 
     def prepare(self, coordinates: Any) -> Any:
         y, x = coordinates["y_um"], coordinates["x_um"]
@@ -307,7 +313,9 @@ class Numbers(RealLens):
 
     fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles")
     wavelengths: tuple[float, ...] = param((450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="wavelengths")
-    pupil_samples: int = param(128, at_least=16, at_most=1024, fidelity=True, reference="twice as many", doc="cells across the pupil")
+    pupil_samples: int = param(
+        128, at_least=16, at_most=1024, fidelity=True, example=16, reference="twice as many", doc="cells across the pupil"
+    )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
         self.opened()
