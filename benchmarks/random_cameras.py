@@ -5,7 +5,7 @@
 
 A camera (``drawn_cameras``) has a seed: --count of them follow --seed. Each is run through the public interface, with warnings as
 errors, one thread. The plan may refuse it (at most 10 % of them, each with a reason); a failed cell, a leaked warning or a traceback is
-a fault. What runs is held against the laws (``camera_laws``), on noise-free twins of itself where noise would hide them.
+a fault. What runs is held against the laws (``camera_laws`` of ``studies/stability``), on noise-free twins where noise would hide them.
 
 Printed: how many held, were refused or broke a law; reasons of refusals and causes of violations, grouped, each with its seeds. What
 breaks a law is written as FOLDER/SEED.toml (and FOLDER/SEED-LAW.toml, the twin on which it shows), which ``etendue run`` replays.
@@ -27,12 +27,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import camera_laws
 import drawn_cameras
-from camera_laws import Broken, Document, Fault, Refused
 
 import etendue
 from etendue.errors import PluginError, RequestError
+from etendue.studies.stability import camera_laws
+from etendue.studies.stability.camera_laws import Broken, Document, Fault, Refused
 
 MOST_REFUSED = 0.1
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from etendue.studies.stability import camera_laws
+
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
-import camera_laws  # noqa: E402
 import drawn_cameras  # noqa: E402
 import random_cameras  # noqa: E402
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Line, Sampled, Source, Stage, Transfer, param
+from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Line, Noisy, Sampled, Source, Stage, Transfer, param
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,3 +327,69 @@ class DrawingMean(Sound, Sampled):
 
     def mean(self, charge, rng):
         return {"charge": charge}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restless(Sound):
+    """Depends on digits that no measurement has."""
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge * (1 + 0.5 * ((charge * 1e9) % 1))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestlessParameter(Sound):
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge * charge.dtype.type(1 + 0.5 * ((self.strength * 1e9) % 1))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HiddenConstant(Stage):
+    """A millionth of a unit that nobody has named."""
+
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+
+    def run(self, irradiance: Any) -> dict[str, Any]:
+        return {"irradiance": irradiance + irradiance.dtype.type(1e-6)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Upturned(Sound):
+    keeps: ClassVar = ("order",)
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge.max() - charge}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leaking(Sound):
+    keeps: ClassVar = ("sum",)
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge * charge.dtype.type(0.9)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LouderThanSaid(Noisy):
+    """Says a deviation where a variance is asked for."""
+
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+
+    def variance(self, charge: float) -> float:
+        return 3.0
+
+    def run(self, charge: Any, rng: Any) -> dict[str, Any]:
+        return {"charge": charge + 3 * rng.standard_normal(charge.shape).astype(charge.dtype)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearlyLinear(Stage):
+    """A matrix, and a ripple too small to be seen in it."""
+
+    reads: ClassVar = {"rgb_camera": "channel y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+
+    def run(self, rgb_camera: Any) -> dict[str, Any]:
+        return {"rgb_camera": rgb_camera + rgb_camera.dtype.type(4e-10) * np.sin(1e3 * rgb_camera)}

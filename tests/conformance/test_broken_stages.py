@@ -47,6 +47,14 @@ BROKEN = [
     (broken.WholeOnly, "test_bands_alone_are_the_bands_of_the_whole", "other values of irradiance than all bands"),
     (broken.FalseMean, "test_its_mean_is_that_of_its_draws", "but mean says"),
     (broken.DrawingMean, "test_its_mean_is_that_of_its_draws", "draws nothing"),
+    (broken.FalseError, "test_digits_are_kept_in_every_precision", "digits lost in single precision"),
+    (broken.Restless, "test_a_small_change_of_what_is_read_changes_little", "jumps by"),
+    (broken.RestlessParameter, "test_a_small_change_of_a_parameter_changes_little", "strength = 1.1 moves by"),
+    (broken.HiddenConstant, "test_the_unit_of_light_does_not_matter", "a hidden constant"),
+    (broken.Upturned, "test_the_order_that_it_keeps_is_kept", "falls by"),
+    (broken.Leaking, "test_the_sum_that_it_keeps_is_kept", "is made or lost"),
+    (broken.LouderThanSaid, "test_the_noise_has_the_variance_that_it_says", "variance says 3 electron2"),
+    (broken.NearlyLinear, "test_what_it_solves_costs_no_more_digits_than_its_condition", "cannot be solved back"),
     (broken.OtherShape, "test_it_writes_what_it_declares", "shape"),
 ]
 

@@ -354,3 +354,29 @@ def test_arguments_that_make_no_sense_are_refused():
     for text, call in wrong.items():
         with pytest.raises(ValueError, match=text):
             call()
+
+
+@given(step=st.floats(-1e-3, 1e-3))
+def test_the_signal_spectrum_passes_smoothly_through_the_exponent_at_which_its_integral_is_a_logarithm(step):
+    f = np.array([0.0, 0.01, 0.3])
+    here, there = (deconvolution.signal_spectrum(0.0, f, 2.0 + s) for s in (0.0, step))
+    # the logarithm of the spectrum has a slope of at most ln(256) by the exponent, and of its area as much; then rounding
+    assert_allclose(np.log(there / here), 0, atol=2 * math.log(256) * abs(step) + 1e-13)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 1.0, 2.0 - 1e-13, 2.0, 2.0 + 1e-13, 3.0, 8.0])
+def test_the_signal_spectrum_has_the_variance_1_over_the_disc_of_the_band(exponent):
+    radius, weight = np.polynomial.legendre.leggauss(4000)
+    r = 0.25 * (radius + 1)
+    power = deconvolution.signal_spectrum(0.0, r, exponent)
+    # 2 pi r dr over the disc of radius 1/2, whose mean is that of the square's pi/4; the nodes leave 1e-12
+    assert_allclose((0.25 * weight * 2 * np.pi * r * power).sum(), np.pi / 4, rtol=1e-10)
+
+
+def test_a_picture_far_below_its_pedestal_keeps_its_digits_in_single_precision():
+    picture = np.random.default_rng(5).uniform(0.1, 1.0, (1, 9, 12))
+    transfer = gaussian((9, 12), 0.6)[None]
+    exact, _ = deconvolution.richardson_lucy(picture, transfer, 10, pedestal=1e4)
+    found, _ = deconvolution.richardson_lucy(picture.astype(np.float32), transfer, 10, pedestal=1e4)
+    assert found.dtype == np.float32
+    assert_allclose(found, exact, rtol=0, atol=3e-7)  # the input and the result are rounded; with 1e4 added in float32 it was 5e-4

@@ -277,3 +277,23 @@ def test_sensor_patterns_are_standard_normal_and_differ_by_name_and_tile():
     assert abs(np.corrcoef(pattern.ravel(), other.ravel())[0, 1]) < 5 / math.sqrt(n)
     with pytest.raises(ValueError, match="window"):
         noise.sensor_normal(b"dsnu", 0, 0, -1, 4)
+
+
+@pytest.mark.parametrize("rms", [0.0, 1e-9, 0.05, 0.1 - 1e-12, 0.1, 0.2, 0.5, 1.0])
+def test_factors_that_are_never_negative_have_the_moments_of_a_cut_normal(rms):
+    mean, variance = distributions.cut_normal_moments(rms)
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    low, high = (max(-1 / rms, -12.0) if rms else -12.0), 12.0
+    z = low + 0.5 * (high - low) * (nodes + 1)
+    density = 0.5 * (high - low) * weights * np.exp(-0.5 * z**2) / math.sqrt(math.tau)
+    expected = (density * (1 + rms * z)).sum()
+    outside = special.ndtr(low) if rms else 0.0  # factors of 0
+    assert_allclose(mean, expected, rtol=1e-13)
+    about = (density * (1 + rms * z - expected) ** 2).sum() + outside * expected**2
+    assert_allclose(variance, about, rtol=1e-11, atol=1e-25)  # the mean of the nodes is rounded
+
+
+def test_the_moments_of_a_negative_spread_are_refused():
+    for rms in (-0.1, math.nan, math.inf):
+        with pytest.raises(ValueError, match="rms"):
+            distributions.cut_normal_moments(rms)

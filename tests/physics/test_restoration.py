@@ -160,15 +160,15 @@ def test_a_wave_is_multiplied_by_the_response_of_the_unsharp_mask(cycles_y, cycl
     y, x = np.mgrid[:n, :n]
     wave = np.cos(2 * np.pi * (cycles_y * y + cycles_x * x) / n)
     gain = sharpening.unsharp_response(cycles_y / n, cycles_x / n, radius, amount)
-    inner = np.s_[9:-9, 9:-9]
+    inner = np.s_[15:-15, 15:-15]  # out of reach of the border: 7 radii
     assert_allclose(sharpening.unsharp(wave, radius, amount)[inner], gain * wave[inner], rtol=0, atol=1e-13)
 
 
 def test_a_wide_unsharp_mask_is_a_gaussian_in_frequency():
     f = np.linspace(0, 0.5, 51)
     gaussian = 1 + 0.6 * (1 - np.exp(-2 * (np.pi * 2.0 * f) ** 2))
-    # the Gaussian is cut at four standard deviations, where 6e-5 of it is left
-    assert_allclose(sharpening.unsharp_response(0.0, f, 2.0, 0.6), gaussian, rtol=0, atol=1e-4)
+    # sampled at two pixels a standard deviation, whose first alias is below 1e-8 at Nyquist; cut at seven, where 3e-12 is left
+    assert_allclose(sharpening.unsharp_response(0.0, f, 2.0, 0.6), gaussian, rtol=0, atol=1e-8)
 
 
 @given(radius=radii, amount=strengths)
@@ -256,3 +256,11 @@ def test_impossible_spectra_are_refused():
     for spectrum in (np.ones((2, 3)), np.zeros((2, 2)), np.array([[1.0, -1.0], [1.0, 1.0]])):
         with pytest.raises(ValueError, match="spectrum"):
             restoration_gain.response_noise_gain(np.ones((2, 2)), spectrum)
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.75, 1.0, 2.0, 70.0])
+def test_the_taps_change_little_where_one_more_comes_in(radius):
+    below, above = (sharpening.gaussian_taps(radius * (1 + step)) for step in (-1e-12, 1e-12))
+    inner = min(below.size, above.size)
+    edge = [taps[(taps.size - inner) // 2 : (taps.size + inner) // 2] for taps in (below, above)]
+    assert_allclose(edge[0], edge[1], rtol=0, atol=1e-10)  # e^-24.5 is 2e-11 of the middle tap

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli import catalogue, comparisons, exports, runs
+from etendue.cli import catalogue, comparisons, exports, runs, stability
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -79,6 +79,7 @@ def main() -> None:
     etendue quality FILE                    every camera of a sweep against the ideal one
     etendue noise FILE                      noise behind every stage, predicted and found
     etendue accuracy FILE                   error against run time, of every knob and of combinations
+    etendue stability                       every stage where numbers are hard
     etendue sensors                         sensors whose parameters are published
     """
 
@@ -87,6 +88,6 @@ for _command in (
     *(runs.plan, runs.run, runs.archive),
     *(catalogue.stages, catalogue.quantities, catalogue.sensors),
     *(comparisons.compare, comparisons.quality, comparisons.noise, comparisons.accuracy),
-    exports.export,
+    *(stability.stability, exports.export),
 ):
     main.add_command(_command)

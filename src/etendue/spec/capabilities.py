@@ -135,6 +135,8 @@ def check_class(kind: type[Stage]) -> None:
     for attribute, word, allowed in (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip"))):
         if word not in allowed:
             raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
+    if isinstance(kind.keeps, str) or not set(kind.keeps) <= {"order", "sum"}:
+        raise TypeError(f"{name}.keeps is {kind.keeps!r}; expected some of 'order' and 'sum', such as ('order',)")
     if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
         raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
     if not isinstance(creates, Mapping) or not all(isinstance(value, Line | Bands | Labels) for value in creates.values()):

@@ -36,6 +36,7 @@ class Parameter:
     length: int | None = None
     one_for_all: bool = False  # a list that may be written as the one number in it
     infinite: bool = False
+    example: Any = None  # with which a stage is tried, where it has no default or a large one; a file as in a pipeline, "package:..."
     doc: str = ""
 
     @property

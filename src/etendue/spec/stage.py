@@ -62,6 +62,10 @@ class Stage:
     ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to ``run`` at once.
     ``once``: physics that is met once on the way through the camera (``"diffraction"``, ``"fall-off"``): a second stage with the same
     on the way counts it twice, which the plan notes.
+    ``decides``: by its nature it rounds, counts or chooses, so that a small change of what it is given may be a large one of what it
+    gives. Of any other stage the conformance kit says where it jumps.
+    ``keeps``: what it promises of its values, for the conformance kit: ``"order"`` (none falls where what is read rises), ``"sum"``
+    (what leaves one place arrives at another).
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -77,6 +81,8 @@ class Stage:
     pointwise: ClassVar[bool] = False
     elementwise: ClassVar[bool] = False
     once: ClassVar[tuple[str, ...]] = ()
+    decides: ClassVar[bool] = False
+    keeps: ClassVar[tuple[str, ...]] = ()
 
     @property
     def common_draws(self) -> bool:

@@ -86,9 +86,14 @@ class Trial:
         return self.report.message.strip().rpartition("\n")[2]
 
     @property
+    def undefined(self) -> bool:
+        """Whether it gave NaN or infinity, which it does not declare."""
+        return not self.done and " wrote " in self.last_line and "NaN or infinite" in self.last_line
+
+    @property
     def refused_in_words(self) -> bool:
         """Whether the stage says that it cannot compute, and did not break off anywhere else."""
-        return self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip()
+        return not self.undefined and (self.last_line.startswith(CLEAR) or self.last_line == self.report.message.strip())
 
 
 class _Blur(Transfer):
@@ -214,6 +219,8 @@ class Bench:
             values = np.zeros(shape)
         elif what in ("uniform", "hole"):
             values = np.ones(shape)
+        elif what == "faint":
+            values = 1 + 1e-4 * (spread - 0.5)
         else:
             values = spread
         values = np.asarray(values * {"tiny": 1e-30 / full, "huge": 1e6}.get(what, 1.0))

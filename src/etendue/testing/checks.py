@@ -36,15 +36,7 @@ from etendue.testing.bench import (
     full_scale,
     largest_difference,
 )
-
-
-def hold(condition: bool, otherwise: str) -> None:
-    if not condition:
-        raise LawBroken(otherwise)
-
-
-def ratio_of(apart: float, scale: float) -> float:
-    return apart / scale if scale else math.inf
+from etendue.testing.measured import hold, magnified, ratio_of, told, within
 
 
 def in_a_fresh_thread(bench: Bench, inputs: Arrays, precision: str) -> Trial:
@@ -146,8 +138,11 @@ def check_gain(bench: Bench, port: str, main: str, inputs: Arrays, change: Any, 
     own = 2 * bound_of(bench, inputs, "float64", ROUNDING, frame)
     gain = bench.stage.gain
     assert gain is not None
-    hold(
-        apart <= (gain * apart_in * (1 + 1e-9) + own) * scale,
+    if apart_in > 1e-3:  # where the stage's own rounding is not what grows
+        magnified(ratio_of(apart, scale * apart_in))
+    within(
+        ratio_of(apart, scale),
+        gain * apart_in * (1 + 1e-9) + own,
         f"{bench.name}: an error of {apart_in:.2g} of full scale in {port} became {ratio_of(apart, scale):.2g} of full scale in {main}, "
         f"{ratio_of(apart, scale * apart_in):.3g} times as large, but gain is {gain:g}; declare a larger one, or None",
     )
@@ -159,6 +154,8 @@ def check_facts(bench: Bench, facts: Facts, array: Any, slack: float, where: str
     assert true.low is not None
     assert true.high is not None
     room = (slack + ROUNDING) * full_scale(array)
+    beyond = max((facts.low or -math.inf) - true.low, true.high - (math.inf if facts.high is None else facts.high), 0.0)
+    told(ratio_of(beyond, full_scale(array)), slack + ROUNDING)
     if facts.low is not None:
         hold(true.low >= facts.low - room, f"{bench.name} says at least {facts.low:g}, but on {where} it writes {true.low:g}")
     if facts.high is not None:

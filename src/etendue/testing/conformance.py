@@ -19,7 +19,7 @@ from etendue import discovery
 from etendue.plan.asking import lacking
 from etendue.run.bands import run_bands
 from etendue.spec import variables
-from etendue.spec.capabilities import Banded, Bounded, Probe, Sampled, is_source, is_transfer
+from etendue.spec.capabilities import Banded, Bounded, Probe, is_source, is_transfer
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, reads_of, writes_of
 from etendue.testing.bench import (
@@ -38,26 +38,25 @@ from etendue.testing.bench import (
     largest_difference,
 )
 from etendue.testing.checks import (
-    along_ladder,
     bound_of,
     check_facts,
     check_gain,
     check_parameter,
-    hold,
     in_a_fresh_thread,
     levels_of,
     must_survive,
     perturbations_of,
-    ratio_of,
     stated_error_of,
     with_value,
     worst_signs_of,
 )
-from etendue.testing.mean_checks import check_mean
+from etendue.testing.extreme_laws import ExtremeLaws
+from etendue.testing.knob_laws import KnobLaws
+from etendue.testing.measured import hold, ratio_of, within
 from etendue.testing.transfer_checks import check_single_wavelengths, check_transfer
 
 
-class StageConformance:
+class StageConformance(ExtremeLaws, KnobLaws):
     """Subclass it, set ``stage``, and pytest holds the stage against each law.
 
     Attributes
@@ -72,7 +71,7 @@ class StageConformance:
     scales: ClassVar[Mapping[str, float]] = {}
 
     @property
-    def bench(self) -> Bench:
+    def bench(self) -> Bench:  # type: ignore[override]
         return Bench(self.stage, self.grids, self.scales)
 
     # -- what it says
@@ -236,6 +235,7 @@ class StageConformance:
             below = with_value(ordinary[port], -0.01 * bench.scale(port))
             trial = bench.run({**ordinary, port: below})
             if policy == "keep":
+                hold(not trial.undefined, f"{bench.name} declares negative = 'keep', but makes NaN of a negative {port}: {trial.last_line}")
                 clear = trial.done or trial.refused_in_words
                 hold(clear, f"{bench.name} declares negative = 'keep', but fails on it in {port}: {trial.last_line}")
             elif policy == "clip":
@@ -275,8 +275,9 @@ class StageConformance:
                 continue  # refused: another law's subject
             for variable, exact in double.arrays.items():
                 apart, scale = largest_difference(single.arrays[variable], exact), bench.full_scale(variable, exact, frame)
-                hold(
-                    apart <= allowed * scale,
+                within(
+                    ratio_of(apart, scale),
+                    allowed,
                     f"{bench.name}: single and double precision of {variable} differ by {ratio_of(apart, scale):.2g} of full scale on "
                     f"{what} input x {factor:g} of {frame[0]} x {frame[1]}, but error() allows {allowed:.2g}; "
                     "state what is true, or find where the digits go",
@@ -305,8 +306,9 @@ class StageConformance:
                 scale = full_scale(inputs[own])
                 apart = largest_difference(trial.arrays[variable], inputs[own])
                 slack = bound_of(bench, inputs, "float64", ROUNDING)
-                hold(
-                    apart <= (bound + slack) * scale,
+                within(
+                    ratio_of(apart, scale),
+                    bound + slack,
                     f"{bench.name}: leaving it out changes {variable} by {ratio_of(apart, scale):.2g} of full scale on {what} input, "
                     f"but negligible() says {bound:.2g} ({why})",
                 )
@@ -338,30 +340,6 @@ class StageConformance:
         if not is_transfer(bench.kind):
             return
         check_transfer(bench)
-
-    def test_its_mean_is_that_of_its_draws(self) -> None:
-        """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know of it."""
-        if issubclass(self.bench.kind, Sampled):
-            check_mean(self.bench)
-
-    def test_a_finer_setting_states_no_larger_error(self) -> None:
-        """Along the settings of a knob, from the cheapest to the reference, the stated error never grows."""
-        bench = self.bench
-        if bench.kind.error is Stage.error:
-            return
-        for name, (parameter, _, _) in parameters_of(bench.kind).items():
-            if parameter.studied:
-                continue
-            last, before = math.inf, None
-            for value, stage in along_ladder(self.stage, name):
-                try:
-                    bound = Bench(stage, self.grids, self.scales).own_error(bench.arrays("ordinary"), "float64")
-                except ValueError:
-                    continue  # a setting that the stage refuses on this grid
-                if bound is None:
-                    raise LawBroken(f"{stage!r} states no error, but may with another {name}")
-                hold(bound <= last, f"{bench.name} states {bound:.3g} with {name} = {value}, but {last:.3g} with the cheaper {before}")
-                last, before = bound, value
 
     def test_bands_alone_are_the_bands_of_the_whole(self) -> None:
         """A stage with ``by_band`` gives the same bits for some of its bands; a transfer function the same at some wavelengths."""
@@ -402,7 +380,7 @@ class StageConformance:
 
 def laws() -> list[str]:
     """The names of the laws, in order."""
-    return [name for name in vars(StageConformance) if name.startswith("test_")]
+    return [name for kind in (StageConformance, ExtremeLaws) for name in vars(kind) if name.startswith("test_")]
 
 
 def check_stage(stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> list[Finding]:

@@ -16,7 +16,7 @@ from etendue.run.cell import compute
 from etendue.run.segments import Result
 from etendue.spec.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.testing.bench import Bench, LawBroken
-from etendue.testing.checks import hold
+from etendue.testing.measured import hold
 
 DRAWS = 24
 ERRORS = 6.0  # standard errors of the mean of so many draws

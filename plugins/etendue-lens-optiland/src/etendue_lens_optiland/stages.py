@@ -79,21 +79,28 @@ class Blur(Moved, Banded, Bounded):
     once: ClassVar = ("diffraction",)
     nanoseconds: ClassVar = 400.0
 
-    fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles at which a point is traced")
+    fields: tuple[float, ...] = param(
+        (0.0, 22.0, 30.0), units="deg", at_least=0, below=89, example=(0.0, 22.0), doc="field angles at which a point is traced"
+    )
     heights: int = param(
         0, at_least=0, at_most=200, fidelity=True, reference="twice as many heights",
         doc="image heights from the axis to the corner of the frame at which a point is traced, in place of fields; 0: fields, which is "
         "another lens and no cheaper setting, so that there is no order to begin with",
     )  # fmt: skip
     wavelengths: tuple[float, ...] = param(
-        (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which a point is traced; mixed linearly in between"
+        (450.0, 550.0, 650.0),
+        units="nm",
+        at_least=200,
+        at_most=5000,
+        example=(500.0, 600.0),
+        doc="at which a point is traced; mixed linearly in between",
     )
     pupil_samples: int = param(
-        128, at_least=16, at_most=1024, fidelity=True, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
+        128, at_least=16, at_most=1024, fidelity=True, example=32, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
         doc="cells across the pupil, at least",
     )  # fmt: skip
     lost: float = param(
-        0.02, above=0, at_most=0.5, fidelity=True, reference="2e-3", settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
+        0.02, above=0, at_most=0.5, fidelity=True, example=0.2, reference="2e-3", settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
         doc="flux of a picture that may lie outside its window",
     )  # fmt: skip
     window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
@@ -187,7 +194,7 @@ class Distortion(Moved, Banded, Bounded):
     nanoseconds: ClassVar = 350.0
 
     nodes: int = param(
-        17, at_least=4, at_most=500, fidelity=True, reference="129 fields", settings=(5, 9, 17, 33, 65, 129),
+        17, at_least=4, at_most=500, fidelity=True, example=6, reference="129 fields", settings=(5, 9, 17, 33, 65, 129),
         doc="fields from the axis to the corner",
     )  # fmt: skip
     order: int = param(
@@ -254,11 +261,11 @@ class Illumination(Moved, Banded):
         (450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="at which cones are traced; mixed linearly in between"
     )
     nodes: int = param(
-        9, at_least=4, at_most=200, fidelity=True, reference="65 fields", settings=(5, 9, 17, 33, 65),
+        9, at_least=4, at_most=200, fidelity=True, example=4, reference="65 fields", settings=(5, 9, 17, 33, 65),
         doc="fields from the axis to the corner",
     )  # fmt: skip
     pupil_samples: int = param(
-        64, at_least=16, at_most=512, fidelity=True, reference="512 samples", settings=(16, 32, 64, 128, 256, 512),
+        64, at_least=16, at_most=512, fidelity=True, example=16, reference="512 samples", settings=(16, 32, 64, 128, 256, 512),
         doc="cells across the pupil",
     )  # fmt: skip
 
@@ -314,7 +321,7 @@ class Numbers(RealLens):
     fields: tuple[float, ...] = param((0.0, 22.0, 30.0), units="deg", at_least=0, below=89, doc="field angles")
     wavelengths: tuple[float, ...] = param((450.0, 550.0, 650.0), units="nm", at_least=200, at_most=5000, doc="wavelengths")
     pupil_samples: int = param(
-        128, at_least=16, at_most=1024, fidelity=True, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
+        128, at_least=16, at_most=1024, fidelity=True, example=16, reference="1024 samples", settings=(32, 64, 128, 256, 512, 1024),
         doc="cells across the pupil",
     )  # fmt: skip
 

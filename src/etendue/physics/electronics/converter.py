@@ -44,7 +44,7 @@ def digitise(charge: ArrayLike, gain_dn_per_electron: float, black_level: float,
     charge = np.asarray(charge)
     if not np.issubdtype(charge.dtype, np.floating):
         charge = charge.astype(np.float64)
-    top = _top_code(bits, black_level)
+    top = top_code(bits, black_level)
     gain = float(gain_dn_per_electron)
     require.allowed(0 < gain < np.inf, "gain_dn_per_electron", gain, "finite numbers above 0")
     if bits > 16:
@@ -85,7 +85,7 @@ def unrounded(charge: ArrayLike, gain_dn_per_electron: float, black_level: float
     Source: K e + offset, clipped. Within half a code of ``digitise``, and its mean over a charge that is spread over many codes.
     """
     charge = np.asarray(charge)
-    top = _top_code(bits, black_level)
+    top = top_code(bits, black_level)
     gain = float(gain_dn_per_electron)
     require.allowed(0 < gain < np.inf, "gain_dn_per_electron", gain, "finite numbers above 0")
     return np.clip(charge * gain + float(black_level), 0, top)
@@ -122,7 +122,7 @@ def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np
     Source: (DN - black) / (white - black). Error: one rounding in float64; in float32 one up to 16 bits with
     an integer black level, two otherwise.
     """
-    top = _top_code(bits, black_level)
+    top = top_code(bits, black_level)
     work = np.result_type(dtype, np.float64) if bits > 16 else np.dtype(dtype)
     values = np.asarray(raw).astype(work)
     values -= float(black_level)
@@ -133,7 +133,7 @@ def linearise(raw: NDArray, black_level: float, bits: int, dtype: DTypeLike = np
     return values.astype(dtype, copy=False)
 
 
-def _top_code(bits: int, black_level: float) -> int:
+def top_code(bits: int, black_level: float) -> int:
     if int(bits) != bits or not 1 <= bits <= 32:
         raise ValueError(f"bits is {bits!r}; allowed are whole numbers from 1 to 32")
     top = 2 ** int(bits) - 1

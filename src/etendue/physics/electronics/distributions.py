@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from etendue.physics import require
 from etendue.physics.electronics.noise import SMALLEST_NORMAL_MEAN
 
 _FACTORIAL_ERROR = np.array(
@@ -178,6 +179,37 @@ def quantised_gauss_moments(mu: ArrayLike, sigma: ArrayLike) -> tuple[NDArray, N
     direct, series = _by_tails(offset, narrow), _by_series(offset, wide)
     small = sigma < 0.35
     return np.where(small, direct[0], series[0])[()], np.where(small, direct[1], series[1])[()]
+
+
+def cut_normal_moments(rms: float) -> tuple[float, float]:
+    """Mean and variance of max(0, 1 + rms Z), Z standard normal: factors from pixel to pixel, none of them negative.
+
+    Parameters
+    ----------
+    rms : float, dimensionless
+        At least 0.
+
+    Returns
+    -------
+    mean, variance : float, dimensionless
+        1 and rms^2 where nothing is cut.
+
+    Raises
+    ------
+    ValueError
+        If rms is negative or not finite.
+
+    Notes
+    -----
+    Source: integrals of z^k over the part of the normal density above -1/rms. Below rms = 0.1 less than 1e-23 is cut, and what is left
+    of the difference would be rounding. Error: 3e-14 relative against quadrature for rms in 0.1 to 1.
+    """
+    require.amount("rms", rms)
+    if rms < 0.1:
+        return 1.0, rms**2
+    above, density = float(special.ndtr(1 / rms)), math.exp(-0.5 / rms**2) / math.sqrt(2 * math.pi)
+    mean = above + rms * density
+    return mean, (1 + rms**2) * above + rms * density - mean**2
 
 
 def _by_tails(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:

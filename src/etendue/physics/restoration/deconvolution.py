@@ -21,6 +21,7 @@ from etendue.physics import require
 from etendue.physics.light import sampling
 
 OUTER_FREQUENCY = 1 / 256  # cycles/pixel, below which a picture's power spectrum is taken as flat
+FAR_ABOVE = 16.0  # times the largest value: a pedestal beside which single precision would keep fewer than 20 bits of a picture
 STEEPEST = 1e-3  # of the largest value: gradients well above it count by direction alone in the total variation
 
 
@@ -108,9 +109,9 @@ def signal_spectrum(fy: ArrayLike, fx: ArrayLike, exponent: float = 2.0, outer: 
     require.allowed(0 <= exponent <= 8, "exponent", exponent, "numbers from 0 to 8")
     require.allowed(0 < outer < 0.5, "outer", outer, "numbers above 0 and below 0.5 cycles/pixel")
     squared = np.asarray(fy, dtype=float) ** 2 + np.asarray(fx, dtype=float) ** 2 + outer**2
-    low, high = outer**2, 0.25 + outer**2
-    power = 1 - 0.5 * exponent
-    area = math.log(high / low) if power == 0 else (high**power - low**power) / power
+    power, decades = 1 - 0.5 * exponent, math.log((0.25 + outer**2) / outer**2)
+    # (high^power - low^power) / power, whose difference loses all digits about power = 0, where it is decades
+    area = outer ** (2 * power) * decades * (math.expm1(power * decades) / (power * decades) if power else 1.0)
     return 0.25 / area * squared ** (-0.5 * exponent)
 
 
@@ -292,7 +293,10 @@ def richardson_lucy(
     result, done = np.empty_like(planes), np.empty(planes.shape[0])
     for channel, plane in enumerate(planes):
         whole = sampling.pad(plane)
-        lift = planes.dtype.type(max(float(pedestal), -float(whole.min())))
+        wanted = max(float(pedestal), -float(whole.min()))
+        if wanted > FAR_ABOVE * float(whole.max()):  # single precision would keep the lift and lose the picture
+            whole = whole.astype(np.float64)
+        lift = whole.dtype.type(wanted)
         # where the lift is the smallest value itself, rounding must not leave it below 0
         estimate, done[channel] = richardson_lucy_periodic(
             np.maximum(whole + lift, 0), transfer[channel], iterations, total_variation, float(limits[channel]), plane.shape, start

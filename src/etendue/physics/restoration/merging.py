@@ -74,9 +74,16 @@ def variance_of(rate: NDArray, times: ArrayLike, shot: ArrayLike, floor: ArrayLi
     Returns
     -------
     (frame, channel, y, x) array, unit^2 per time^2
+
+    Raises
+    ------
+    ValueError
+        A variance that the precision of the light cannot hold.
     """
     t = np.asarray(times, rate.dtype)[:, None, None, None]
     a, b = (np.asarray(x, rate.dtype)[:, None, None] for x in (shot, floor))
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise ValueError(f"the noise of a frame has a variance of {np.max(floor):.3g}, beyond {rate.dtype}; take a larger conversion gain")
     return np.asarray((a * np.maximum(rate, 0) * t + b) / t**2)
 
 

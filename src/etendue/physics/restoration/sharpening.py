@@ -16,6 +16,7 @@ from etendue.physics import require
 
 LAPLACIAN = np.array([[-1.0, -1.0, -1.0], [-1.0, 8.0, -1.0], [-1.0, -1.0, -1.0]])
 LAPLACIAN.setflags(write=False)
+REACH = 7.0  # standard deviations: another tap enters as the radius grows, with e^-24.5 of the middle one
 
 
 def sharpen(planes: NDArray, strength: float) -> NDArray:
@@ -218,7 +219,7 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
 
 
 def gaussian_taps(radius: float) -> NDArray:
-    """The weights of a sampled Gaussian out to four standard deviations, their sum 1.
+    """The weights of a sampled Gaussian out to seven standard deviations, their sum 1.
 
     Parameters
     ----------
@@ -236,7 +237,7 @@ def gaussian_taps(radius: float) -> NDArray:
     """
     radius = float(radius)
     require.allowed(0 < radius <= 1000, "radius", radius, "numbers above 0 and at most 1000 pixel")
-    reach = max(math.ceil(4 * radius), 1)
+    reach = max(math.ceil(REACH * radius), 1)
     with np.errstate(over="ignore"):  # of a radius that is next to nothing
         taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / radius) ** 2)
     return taps / taps.sum()

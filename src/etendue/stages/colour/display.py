@@ -218,6 +218,7 @@ class Encode(_Encoding):
     role: ClassVar = "display encoding"
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
+    keeps: ClassVar = ("order",)
 
     def run(self, rgb_linear: Any) -> dict[str, Any]:
         kind = rgb_linear.dtype.type
@@ -237,6 +238,7 @@ class Decode(_Encoding):
     role: ClassVar = "display decoding"
     reads: ClassVar = {"rgb_display": "channel y x [1]"}
     writes: ClassVar = {"rgb_linear": "channel y x [1]"}
+    keeps: ClassVar = ("order",)
 
     def run(self, rgb_display: Any) -> dict[str, Any]:
         if self.encoding == "power":

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Bounded, Facts, Grid, Noisy, Sampled, ends, param, proved, quantity
-from etendue.physics.electronics import amplifier, dynamic_range, noise
+from etendue.physics.electronics import amplifier, distributions, dynamic_range, noise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,10 @@ class Exposure(Sampled, Noisy):
     def variance(self, charge: float) -> float:
         """Of the two patterns, of a pixel with this charge, the dark one included."""
         dark = float(self.dark_charge(self.integration_time))
-        return float((self.prnu * (charge - dark)) ** 2 + (self.dark_nonuniformity * dark) ** 2)
+        light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
+        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        signal = (charge - dark_mean * dark) / light_mean
+        return float(light_variance * signal**2 + dark_variance * dark**2)
 
     def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
         kind = photocurrent.dtype.type
@@ -134,6 +137,7 @@ class FullWell(Bounded):
     role: ClassVar = "full well"
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
     elementwise: ClassVar = True
     negative: ClassVar = "keep"

@@ -134,6 +134,7 @@ class Adc(GainChain, Sampled, Noisy):
     role: ClassVar = "converter"
     reads: ClassVar = {"charge": "y x [electron]"}
     writes: ClassVar = {"raw": "y x [DN] uint16"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # it clips, and rounds to whole codes
     elementwise: ClassVar = True
     negative: ClassVar = "keep"
@@ -143,7 +144,8 @@ class Adc(GainChain, Sampled, Noisy):
     read_noise_after: float = quantity("read_noise_after")
 
     def __post_init__(self) -> None:
-        analogue_gain(self)  # a speed that cannot be had is refused before anything runs
+        analogue_gain(self)  # a speed that cannot be had is refused before anything runs, and so are codes without room above black
+        converter.top_code(self.bits, self.black_level)
 
     def variance(self, charge: float) -> float:
         return 1 / (12 * self.dn_per_electron() ** 2)
@@ -181,6 +183,7 @@ class Linearise(KnownNoise, Scaled):
     role: ClassVar = "linearisation"
     reads: ClassVar = {"raw": "y x [DN] uint16"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     elementwise: ClassVar = True
     nanoseconds: ClassVar = 2.0

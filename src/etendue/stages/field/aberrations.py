@@ -35,23 +35,34 @@ class Aberrations(Blur, Aberrated, Banded):
     displacement belongs to ``distortion``. Spots are cut off where their tails hold half of ``accuracy``.
     """
 
-    obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
+    obstruction: float = param(
+        0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
+    )
     accuracy: float = param(
-        0.03, at_least=5e-3, at_most=0.2, fidelity=True, reference="5e-3: a finer one is asked of wavefront",
+        0.03, at_least=5e-3, at_most=0.2, fidelity=True, example=0.2, reference="5e-3: a finer one is asked of wavefront",
         settings=(0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 5e-3),
         doc="largest error of the blur as a share of full scale; half of it is light in tails that are cut off",
     )  # fmt: skip
     heights: int = param(
-        9, at_least=2, at_most=65, fidelity=True, reference="65 heights", settings=(2, 3, 5, 9, 17, 33, 65), doc="image heights of the bank"
+        9,
+        at_least=2,
+        at_most=65,
+        fidelity=True,
+        example=3,
+        reference="65 heights",
+        settings=(2, 3, 5, 9, 17, 33, 65),
+        doc="image heights of the bank",
     )
     bands: int = param(
-        5, at_least=1, at_most=64, fidelity=True, reference="64, or as many as there are bands", settings=(1, 2, 3, 5, 9, 17, 33, 64),
+        5, at_least=1, at_most=64, fidelity=True, example=1, reference="64, or as many as there are bands",
+        settings=(1, 2, 3, 5, 9, 17, 33, 64),
         doc="wavelengths of the bank, mixed in between",
     )  # fmt: skip
     method: str = param("auto", choices=("auto", "eigen", "tiles"), doc="how the bank is applied; auto: whichever is cheaper")
     light: str = param("bandlimited", choices=("bandlimited", "cells"), doc="what a value of the light is: that of the scene's light")
     pupil_samples: int = param(
-        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, reference="1024 samples", settings=(16, 32, 64, 128, 256, 512, 1024),
+        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, example=32, reference="1024 samples",
+        settings=(16, 32, 64, 128, 256, 512, 1024),
         doc="cells across the pupil; wide spots take more",
     )  # fmt: skip
 

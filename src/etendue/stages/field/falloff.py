@@ -24,6 +24,7 @@ class Falloff(Dimming, Banded, Bounded):
 
     role: ClassVar = "falloff"
     once: ClassVar = ("fall-off",)
+    keeps: ClassVar = ("order",)
     nanoseconds: ClassVar = 2.0
     error: ClassVar = measured(2e-7, 4e-15)
 

@@ -55,6 +55,7 @@ class CorrectDefects(DefectDetection):
     role: ClassVar = "defect correction"
     reads: ClassVar = {"mosaic_linear": "y x [1]", "defect_map": "y x [1] uint8"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
+    decides: ClassVar = True
     gain: ClassVar = None  # a decision has no slope
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
@@ -82,6 +83,7 @@ class CorrectFoundDefects(DefectDetection):
     role: ClassVar = "defect correction"
     reads: ClassVar = {"mosaic_linear": "y x [1]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", **FIGURES}
+    decides: ClassVar = True
     gain: ClassVar = None
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0

@@ -61,7 +61,9 @@ class Diffraction(Blur, Cone, Transfer):
 
     once: ClassVar = ("diffraction",)
     radial: ClassVar = True
-    obstruction: float = param(0.0, at_least=0, below=1, doc="diameter of a central dark disc over that of the aperture; 0: clear")
+    obstruction: float = param(
+        0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
+    )
 
     def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
         number = self.cone_f_number()
@@ -106,9 +108,9 @@ class LensPsf(Blur, Transfer):
     radial: ClassVar = True
     gain: ClassVar[float | None] = None  # of a ring it has no bound that holds for every grid
 
-    file: str = param(file=True, doc="CSV with columns radius_um, psf")
+    file: str = param(file=True, example="package:etendue/data/examples/psf.csv", doc="CSV with columns radius_um, psf")
     nodes: int = param(
-        16384, at_least=64, held=(64, 1_000_000), fidelity=True,
+        16384, at_least=64, held=(64, 1_000_000), fidelity=True, example=256,
         reference="262144: direct evaluation but for 1e-8", settings=(256, 1024, 4096, 16384, 65536, 262_144),
         doc="radial frequencies at which the transform is evaluated; linear between them",
     )  # fmt: skip

@@ -41,7 +41,7 @@ class LensNumbers(Cone):
     transmittance: float = quantity("transmittance")
     wavelength: float = param(555.0, units="nm", above=0)
     half_diagonal: float = param(4.0, units="mm", above=0, doc="half the diagonal of the sensor; 1/2-inch type: 4 mm")
-    half_field: float = param(30.0, units="deg", above=0, below=90, doc="half the field of view, for eq. 9")
+    half_field: float = param(30.0, units="deg", above=0, below=90, held=(1e-6, 89.9), doc="half the field of view, for eq. 9")
     circle_of_confusion: float = param(5.0, units="um", above=0, doc="blur that still counts as sharp; of the order of the pitch")
 
     def run(self) -> dict[str, Any]:

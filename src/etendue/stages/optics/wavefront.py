@@ -83,7 +83,9 @@ class Wavefront(Blur, Aberrated, Transfer):
     gain: ClassVar[float | None] = None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
 
     aperture: str = param("circular", choices=("circular", "annular", "polygonal"), doc="outline of the pupil")
-    obstruction: float = param(0.0, at_least=0, below=1, doc="annular: diameter of the dark disc over that of the aperture")
+    obstruction: float = param(
+        0.0, at_least=0, below=1, held=(0, 0.999), doc="annular: diameter of the dark disc over that of the aperture"
+    )
     blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
     rotation: float = param(0.0, units="deg", doc="polygonal: a corner lies at this angle from +x towards +y")
     rounding: float = param(0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners")

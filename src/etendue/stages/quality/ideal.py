@@ -65,6 +65,7 @@ class IdealMosaic(GainChain):
     role: ClassVar = "reference"
     reads: ClassVar = {"photocurrent": "y x [electron/s]"}
     writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
     negative: ClassVar = "clip"  # the undershoot of band-limited light, as in front of the Poisson draw
     nanoseconds: ClassVar = 2.0

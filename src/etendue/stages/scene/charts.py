@@ -31,7 +31,7 @@ class Scene(Source, Banded):
     nanoseconds: ClassVar = 12.0
 
     white_luminance: float = param(
-        units="cd m-2", at_least=0,
+        units="cd m-2", at_least=0, example=1000.0,
         doc="luminance of a perfect white diffuser in the scene, of all its light, rendered or not; 0: give radiance",
     )  # fmt: skip
     radiance: float = param(
@@ -39,8 +39,8 @@ class Scene(Source, Banded):
         doc="radiance of a perfect white diffuser in the wavelengths rendered, in place of white_luminance: for light that no eye sees",
     )  # fmt: skip
     illuminant: str = quantity("illuminant")
-    width: float = param(1000.0, units="um", above=0, doc="width of the light on the image plane")
-    height: float = param(1000.0, units="um", above=0, doc="height of the light on the image plane")
+    width: float = param(1000.0, units="um", above=0, example=21.0, doc="width of the light on the image plane")
+    height: float = param(1000.0, units="um", above=0, example=17.0, doc="height of the light on the image plane")
     spacing: float = param(
         1.0, units="um", above=0, fidelity=True, reference="a quarter of a um", studied=True, settings=(4.0, 2.0, 1.0, 0.5, 0.25),
         doc="distance between samples; half of it resolves twice the frequency",
@@ -54,7 +54,8 @@ class Scene(Source, Banded):
     wavelength_from: float = param(380.0, units="nm", above=0)
     wavelength_to: float = param(780.0, units="nm", above=0)
     bin_width: float = param(
-        10.0, units="nm", above=0, fidelity=True, reference="1 nm bins", studied=True, settings=(40.0, 20.0, 10.0, 5.0, 2.0, 1.0),
+        10.0, units="nm", above=0, fidelity=True, example=20.0, reference="1 nm bins", studied=True,
+        settings=(40.0, 20.0, 10.0, 5.0, 2.0, 1.0),
         doc="width of a wavelength bin",
     )  # fmt: skip
 

@@ -51,7 +51,11 @@ class Photograph(Scene):
     those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
     """
 
-    file: str = param(file=True, doc="the picture; package:matplotlib/... names a file of an installed distribution")
+    file: str = param(
+        file=True,
+        example="package:etendue/data/examples/picture.png",
+        doc="the picture; package:matplotlib/... names a file of an installed distribution",
+    )
     libraries: ClassVar = ("colour-science", "pillow", "tifffile")
 
     def band_limit(self) -> float:

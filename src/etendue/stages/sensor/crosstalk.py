@@ -33,6 +33,7 @@ class Crosstalk(Collecting, Bounded):
     role: ClassVar = "crosstalk"
     reads: ClassVar = {"photocurrent": "y x [electron/s]", "white_irradiance": "wavelength [W m-2 nm-1]"}
     writes: ClassVar = {"photocurrent": "y x [electron/s]"}
+    keeps: ClassVar = ("sum",)
     gain: ClassVar = 2.0  # a pixel that keeps its charge, all of its neighbours' on top
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 150.0

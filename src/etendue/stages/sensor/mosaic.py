@@ -21,6 +21,7 @@ class Mosaic(Stage):
     role: ClassVar = "colour filter array"
     reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
     writes: ClassVar = {"photocurrent": "y x [electron/s]"}
+    keeps: ClassVar = ("order",)
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0

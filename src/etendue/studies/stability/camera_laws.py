@@ -1,6 +1,6 @@
-"""Laws that a whole camera obeys, whatever its values: for ``random_cameras.py``.
+"""Laws that a whole camera obeys, whatever its values.
 
-In:  a pipeline document as ``drawn_cameras`` makes them, and a way to run one.
+In:  a pipeline document whose stages have the names of their slots, and a way to run one.
 Out: for each law, twins of the camera on which it can be told, and what breaks it.
 
 bounded      everything is finite (but for what is declared to be undefined), display in [0, 1], raw within the converter's codes
@@ -14,8 +14,10 @@ linear       ten times the light is ten times the photocurrent
 from __future__ import annotations
 
 import copy
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -23,32 +25,23 @@ from scipy.ndimage import minimum_filter
 
 from etendue.registry import installed_stages
 from etendue.spec.stage import parameters_of, writes_of
+from etendue.testing import measured
 
 Document = dict[str, Any]
 Run = Callable[[Document], Any]  # a document to its tree
 
 TIMES = tuple(10.0**k for k in range(-3, 4))
 ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encodings; a grey level of 8 bits is 4e-3
-EXPOSING = (
-    "meter",
-    "expose",
-    "shot",
-    "well",
-    "read",
-    "lines",
-    "convert",
-    "stuck",
-    "linear",
-    "ideal",
-    "correct",
-)  # slots behind which noise and codes are
-UNEVEN = ("falloff", "vignetting", "angular", "distortion", "defects", "shading")  # slots that make a uniform plane uneven
+WORDS = tomllib.loads((resources.files("etendue") / "data" / "camera_laws.toml").read_text(encoding="utf-8"))
+STAND_IN, METER, ENCODED, FLAWED = WORDS["stand_in"], WORDS["metering"], WORDS["encoded"], WORDS["flawed"]
+EXPOSING, UNEVEN, LOOKING = (tuple(WORDS[word]) for word in ("exposing", "uneven", "looking"))  # names of slots
 SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
 PERIOD = 6  # pixels: of the longest mask, X-Trans
 LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
 MATRIX = "fit.colour_matrix"
 STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
 GREY = 2e-3
+FLUX, LINEAR = 5e-6, 1e-5  # of the largest value, in float32 through transforms
 WHITE = 1e-6
 ROUNDINGS, LARGEST = 8, 1e3  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
 
@@ -72,12 +65,16 @@ def twin(document: Document, wanted: list[str], axis: str, values: list[float]) 
     The time of a metered camera is what is swept, and white is that of the light, not of the picture.
     """
     made = copy.deepcopy(document)
-    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, "meter"))
-    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, "meter", "restore", "estimate")]
-    kept.insert(first, {"use": "ideal_mosaic", "name": "ideal"})
-    measures = next(n for n, stage in enumerate(kept) if stage["name"] == "encode") + 1
+    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, METER))
+    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, METER, *LOOKING)]
+    kept.insert(first, {"use": STAND_IN["noise_free"], "name": "ideal"})
+    measures = next(n for n, stage in enumerate(kept) if stage["name"] == ENCODED) + 1
     made["stages"] = kept[:measures]
-    for slot, words in (("white", {"use": "white"}), ("balanced", {"highlights": "neutral"}), ("to_xyz_scene", {"highlights": "neutral"})):
+    for slot, words in (
+        ("white", {"use": STAND_IN["known_white"]}),
+        ("balanced", {"highlights": "neutral"}),
+        ("to_xyz_scene", {"highlights": "neutral"}),
+    ):
         if (stage := of(made, slot)) is not None:
             stage |= words
     made["wanted"], made["sweep"] = wanted, {axis: values}
@@ -89,17 +86,17 @@ def uniform(made: Document, reflectance: float = 0.4) -> Document:
     """With a uniform grey scene behind optics that leave it so, its white on the display the display's own."""
     scene = of(made, "scene")
     assert scene is not None
-    own = {*parameters_of(installed_stages().load("uniform")), "name"}
+    own = {*parameters_of(installed_stages().load(STAND_IN["flat_scene"])), "name"}
     kept = {name: value for name, value in scene.items() if name in own}
     made["stages"] = [stage for stage in made["stages"] if stage["name"] not in UNEVEN]
-    made["stages"][0] = {**kept, "use": "uniform", "reflectance": reflectance}
+    made["stages"][0] = {**kept, "use": STAND_IN["flat_scene"], "reflectance": reflectance}
     display = (of(made, "display") or {}).get("display", "sRGB")
     for slot, words in (("fit", {"white": "kept"}), ("adapt", {"target": display, "gains": "white"})):
         stage = of(made, slot)
         assert stage is not None
         stage |= words
     lens = of(made, "lens")
-    if lens is not None and lens["use"] == "lens_psf_field":
+    if lens is not None and lens["use"] == STAND_IN["by_source"]:
         lens["weights"] = "image"  # 'source' keeps a point's flux, and a plane only as even as the pictures are
     return made
 
@@ -182,7 +179,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
         stage, _, variable = place.partition(".")
         if variable == "mosaic_linear":
             yield from monotone(array(tree, stage, variable), place, "time")
-    display = array(tree, "encode", "rgb_display")
+    display = array(tree, ENCODED, "rgb_display")
     support = minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
     if same_white(made) and not array(tree, *LIFTED.split(".")).any():
         yield from white(display, support, float(np.abs(array(tree, *MATRIX.split("."))).max()))
@@ -206,7 +203,7 @@ def grey_over(document: Document, axis: str) -> Document:
 
 def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
     what = "time" if "integration_time" in made["sweep"] else "light"
-    mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, "encode", "rgb_display")
+    mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, ENCODED, "rgb_display")
     largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
     behind = steep(largest)
     yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what, rounding(display, largest))
@@ -218,6 +215,7 @@ def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
         # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far as sites differ
         means = display.mean(axis=(2, 3))
         apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)
+    measured.told(float(apart.max()), GREY)
     for step, value in enumerate(apart):
         if value > GREY:
             seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))
@@ -233,6 +231,8 @@ def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterato
     """Along the first axis nothing falls by more than rounding."""
     falls = -np.diff(found.astype(np.float64), axis=0)
     scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
+    if falls.size:
+        measured.told(max(float(falls.max()), 0.0) / scale, ROUNDING + allowed / scale)
     if falls.size and falls.max() > ROUNDING * scale + allowed:
         at = np.unravel_index(int(falls.argmax()), falls.shape)
         before, after = (float(found[(at[0] + i, *at[1:])]) for i in (0, 1))
@@ -246,6 +246,7 @@ def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
     allowed = WHITE + rounding(display, largest)
     away = np.abs(display - 1).max(axis=1)
     away = np.where(clipped, away, 0)
+    measured.told(float(away.max(initial=0.0)), allowed)
     if away.size and away.max() > allowed:
         step, row, column = np.unravel_index(int(away.argmax()), away.shape)
         seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
@@ -289,7 +290,8 @@ def flux(made: Document, tree: Any) -> Iterator[Broken]:
     first, last = (array(tree, place.partition(".")[0], "irradiance").astype(np.float64) for place in (made["wanted"] * 2)[:2])
     scale = first.max()
     away = np.abs(last - first).max()
-    if away > 5e-6 * scale:
+    measured.told(float(away / scale) if scale else 0.0, FLUX)
+    if away > FLUX * scale:
         behind = made["wanted"][-1].partition(".")[0]
         yield Broken("flux", f"a uniform plane behind {behind} is off by {away / scale:.3g} of itself")
 
@@ -300,7 +302,7 @@ def light(document: Document) -> Document:
     made = twin(document, ["cfa.photocurrent"], "scene.white_luminance", [level, 10 * level])
     made["stages"][0].pop("white_luminance")
     made = cut_behind(made, "cfa")
-    made["stages"] = [stage for stage in made["stages"] if stage["name"] != "defects"]
+    made["stages"] = [stage for stage in made["stages"] if stage["name"] != FLAWED]
     return made
 
 
@@ -308,5 +310,6 @@ def linear(made: Document, tree: Any) -> Iterator[Broken]:
     once, ten = array(tree, "cfa", "photocurrent").astype(np.float64)
     scale = np.abs(ten).max()
     away = np.abs(ten - 10 * once).max()
-    if away > 1e-5 * scale:
+    measured.told(float(away / scale) if scale else 0.0, LINEAR)
+    if away > LINEAR * scale:
         yield Broken("linear", f"ten times the light is off ten times the current by {away / max(scale, 1e-300):.3g} of the largest")

@@ -1,0 +1,194 @@
+"""Instances of a stage all over what it declares: ordinary, at each end of each range, in the corners, and at random inside.
+
+In:  a class of stages.
+Out: ``Case`` values: a name, and the instance, or the words in which it was refused.
+
+Ordinary values are the defaults, or the ``example`` of a parameter that has none or a dear one. Ends are those which the plan allows
+(``at_least``, ``held``, ...): just inside where they are open, numbers that no camera has where there are none, zero and infinity where
+they are allowed. Whole numbers without a near upper end, and knobs of fidelity, are work and no physics: they are taken to their
+cheap end alone. The interior is a Sobol sequence, logarithmic over decades, the same in every run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+from etendue.plan.parameters import LARGEST, SMALLEST, Unfit, resolve_file
+from etendue.spec.parameter import MISSING, Parameter
+from etendue.spec.stage import Stage, parameters_of
+
+ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
+BEYOND = (1e6, 1e30)  # where a range has no end: beyond every camera, and the largest number that a pipeline may hold
+NUDGE = 1e-12  # of an open end: what stands just inside it
+WORK = 8  # times its ordinary value: as far as a whole number is taken that has no end near it
+DECADES = 20.0  # a range whose ends are further apart is drawn from by its logarithm
+WIDE = 100.0  # times its ordinary value and a WIDE-th of it: what is drawn from where a range has no end
+POINTS = 4  # of the interior
+
+
+@dataclass(frozen=True)
+class Case:
+    """One instance of a stage."""
+
+    name: str
+    where: str  # ordinary, end, corner or inside
+    stage: Stage | None
+    refused: str = ""  # in whose place it says why there is none
+    broke: bool = False  # and whether it broke off, in place of refusing
+    parameter: str = ""  # of an end: whose
+
+
+class Untried(ValueError):
+    """A stage that cannot be made for trying it; the text says which word is missing."""
+
+
+def cases(kind: type[Stage], points: int = POINTS) -> Iterator[Case]:
+    """Every case of a class of stages, the ordinary one first.
+
+    Raises
+    ------
+    Untried
+        A parameter has neither a default nor an example.
+    """
+    base = ordinary(kind)
+    yield made("ordinary", ORDINARY, kind, base)
+    for name in base:
+        for value in ends(*declared(kind, name), base[name]):
+            yield made(f"{name} = {shown(value)}", END, kind, {**base, name: value}, name)
+    ranges = {name: span for name in base if (span := span_of(*declared(kind, name), base[name])) is not None}
+    if not ranges:
+        return
+    for number, share in enumerate(corners(len(ranges))):
+        yield made(f"corner {number + 1}", CORNER, kind, {**base, **drawn(kind, ranges, share)})
+    for number, share in enumerate(sobol(len(ranges), points)):
+        yield made(f"inside {number + 1}", INSIDE, kind, {**base, **drawn(kind, ranges, share)})
+
+
+def declared(kind: type[Stage], name: str) -> tuple[Parameter, Any]:
+    parameter, form, _ = parameters_of(kind)[name]
+    return parameter, form
+
+
+def ordinary(kind: type[Stage]) -> dict[str, Any]:
+    """A value for every parameter: its example, or its default."""
+    found = {}
+    for name, (parameter, _, default) in parameters_of(kind).items():
+        value = default if parameter.example is None else parameter.example
+        if value is MISSING:
+            raise Untried(f"{name} has neither default nor example; say param(..., example=...)")
+        if isinstance(value, str) and value.startswith("package:"):
+            try:
+                value = str(resolve_file(value, Path(), parameter.folder))
+            except Unfit as error:
+                raise Untried(f"the example of {name}: {error}") from None
+        found[name] = tuple(value) if isinstance(value, list) else value
+    return found
+
+
+def made(name: str, where: str, kind: type[Stage], values: Mapping[str, Any], parameter: str = "") -> Case:
+    """An instance, or why there is none."""
+    try:
+        return Case(name, where, kind(**values), parameter=parameter)
+    except ValueError as error:
+        return Case(name, where, None, str(error), parameter=parameter)
+    except Exception as error:  # of a stranger
+        return Case(name, where, None, f"{type(error).__name__}: {error}", True, parameter)
+
+
+def limits(parameter: Parameter) -> tuple[float | None, float | None]:
+    """The smallest and the largest number allowed, just inside where an end is open; None where there is none."""
+    low: float | None = parameter.at_least
+    high: float | None = parameter.at_most
+    if parameter.above is not None:
+        low = SMALLEST if parameter.above == 0 else parameter.above + NUDGE * abs(parameter.above)
+    if parameter.below is not None:
+        high = -SMALLEST if parameter.below == 0 else parameter.below - NUDGE * abs(parameter.below)
+    if parameter.held is not None:
+        low = parameter.held[0] if low is None else max(low, parameter.held[0])
+        high = parameter.held[1] if high is None else min(high, parameter.held[1])
+    return low, high
+
+
+def ends(parameter: Parameter, form: Any, now: Any) -> list[Any]:
+    """Values at the ends of what is allowed, other than the ordinary one."""
+    if parameter.choices:
+        return [choice for choice in parameter.choices if choice != now]
+    if form is bool:
+        return [not now]
+    if get_origin(form) is tuple and get_args(form)[0] is float:
+        length = parameter.length or len(now) or 1
+        several = [(value,) * length for value in ends(parameter, float, now[0] if now else 0.0)]
+        return [value for value in several if value != now]
+    if form not in (int, float):
+        return []
+    low, high = limits(parameter)
+    found: list[float] = [] if low is None else [low]
+    if form is int:
+        top = WORK * max(abs(now), 1)
+        found += [] if parameter.fidelity else [top if high is None or high > top else high]
+        return list(dict.fromkeys(int(v) for v in found if v != now))
+    if low is None:
+        found += [-value for value in BEYOND]
+    if high is not None:
+        found.append(high)
+    elif not parameter.fidelity:
+        found += BEYOND
+    if low == 0 and not parameter.fidelity:
+        found.append(SMALLEST)
+    found += [0.0] if parameter.allows(0) and (parameter.held is None or parameter.held[0] <= 0 <= parameter.held[1]) else []
+    found += [math.inf] if parameter.infinite else []
+    if parameter.fidelity:
+        found = [value for value in found if value >= abs(now)]
+    return list(dict.fromkeys(v for v in found if v != now))
+
+
+def span_of(parameter: Parameter, form: Any, now: Any) -> tuple[float, float] | None:
+    """From where to where a number is drawn; None for what is no number, or work."""
+    if form is not float or parameter.fidelity or parameter.choices:
+        return None
+    low, high = limits(parameter)
+    size = abs(now) if now and math.isfinite(now) else 1.0
+    wide = size / WIDE, size * WIDE
+    low = (-wide[1] if low is None else 0.0 if now == 0 else wide[0]) if low is None or low <= SMALLEST else max(low, wide[0])
+    high = wide[1] if high is None else min(high, wide[1]) if high > 0 else high
+    return (low, high) if low < high else None
+
+
+def corners(dims: int) -> list[list[float]]:
+    """All low, all high, and every other one of each."""
+    several = [[0.0] * dims, [1.0] * dims]
+    return several if dims < 2 else [*several, [float(n % 2) for n in range(dims)], [float((n + 1) % 2) for n in range(dims)]]
+
+
+def sobol(dims: int, points: int) -> list[list[float]]:
+    """Points of the unit cube, of a scrambled Sobol sequence with a seed of its own."""
+    from scipy.stats import qmc
+
+    exponent = max(0, math.ceil(math.log2(points))) if points else 0
+    return qmc.Sobol(dims, seed=20260101).random_base2(exponent)[:points].tolist() if points else []
+
+
+def drawn(kind: type[Stage], ranges: Mapping[str, tuple[float, float]], shares: list[float]) -> dict[str, float]:
+    """A value in each range, at a share of the way."""
+    found = {}
+    for (name, (low, high)), share in zip(ranges.items(), shares, strict=True):
+        if low > 0 and high > DECADES * low:
+            value = math.exp(math.log(low) + share * (math.log(high) - math.log(low)))
+        else:
+            value = low + share * (high - low)
+        value = min(max(float(f"{value:.6g}"), low), high)
+        found[name] = value if declared(kind, name)[0].allows(value) else 0.5 * (low + high)
+    return found
+
+
+def shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(map(shown, value))})"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+assert LARGEST == BEYOND[1]

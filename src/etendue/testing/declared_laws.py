@@ -1,0 +1,163 @@
+"""What a stage promises of its values beside their size: their order, their sum, the noise that it adds, what its matrix costs.
+
+In:  a ``Bench``.
+Out: nothing, or ``LawBroken``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from etendue.spec.roles import Noisy
+from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
+from etendue.testing.checks import bound_of
+from etendue.testing.digits import UNSTATED
+from etendue.testing.measured import hold, magnified, ratio_of, within
+
+BRIGHTER = (1 + 1e-6, 1.01, 2.0, 1e3)
+SIGMAS = 5.0  # by which a measured variance may be off: once in two million, and the draws are the same in every run
+SEEDS = 8  # of noise that lines share, of which a frame has few
+LEVELS = (1e-6, 1e-3, 0.1, 0.5)  # of full scale
+LINEAR = 1e-9
+STEP = 0.3  # of a channel, from which a matrix is told
+
+
+def order_kept(bench: Bench) -> None:
+    """No value falls where what is read rises, at one place or everywhere; rounding apart."""
+    port = frame_read(bench)
+    if "order" not in bench.kind.keeps or port is None or not bench.steady:
+        return
+    for what in ("ordinary", "decades", "point", "zeros"):
+        for level in (1e-6, 1.0, 1e3):
+            inputs = bench.arrays(what, factor=level)
+            base = bench.run(inputs)
+            for factor in BRIGHTER:
+                for change in (inputs[port] * (factor - 1), spot(inputs[port], (factor - 1) * bench.scale(port) * level)):
+                    more = inputs[port] + change
+                    more = np.minimum(np.rint(more), 65535) if bench.reads[port].dtype != "float" else more
+                    trial = bench.run({**inputs, port: more})
+                    if base.done and trial.done:
+                        check_order(bench, base.arrays, trial.arrays, f"{port} of {what} input x {level:g} rises by {factor - 1:g}")
+
+
+def frame_read(bench: Bench) -> str | None:
+    """The port of the one frame that a stage reads, beside what has no place."""
+    frames = [port for port, declaration in bench.reads.items() if {"y", "x"} <= set(declaration.dims)]
+    return frames[0] if len(frames) == 1 and not bench.looks else None
+
+
+def spot(array: Any, height: float) -> Any:
+    found = np.zeros_like(array)
+    found[tuple(size // 2 for size in found.shape)] = height
+    return found
+
+
+def check_order(bench: Bench, base: Any, brighter: Any, what: str) -> None:
+    for variable, declaration in bench.writes.items():
+        if not {"y", "x"} <= set(declaration.dims):
+            continue
+        before, after = (np.asarray(arrays[variable], dtype=float) for arrays in (base, brighter))
+        fall = ratio_of(float(np.max(before - after, initial=0.0)), max(full_scale(before), full_scale(after)))
+        within(fall, 1e-14, f"{bench.name} keeps the order, but {variable} falls by {fall:.2g} of its largest value where {what}")
+
+
+def sum_kept(bench: Bench) -> None:
+    """What leaves one place arrives at another: the sum over the frame, of a light that is far from its borders."""
+    port = frame_read(bench)
+    if "sum" not in bench.kind.keeps or port is None or not bench.steady:
+        return
+    main = next(iter(bench.writes))
+    frame = (33, 35)
+    inputs = bench.arrays("ordinary", frame)
+    inputs[port] = np.zeros_like(inputs[port])
+    inputs[port][..., 16, 17] = bench.scale(port)
+    trial = bench.result(inputs, frame=frame)
+    before, after = inputs[port].sum(), float(np.asarray(trial.arrays[main], dtype=float).sum())
+    off = ratio_of(abs(after - before), before)
+    allowed = bound_of(bench, inputs, "float64", 1e-12) * inputs[port].size
+    within(off, allowed, f"{bench.name} keeps the sum, but {off:.2g} of a point in the middle of the frame is made or lost")
+
+
+def variance_told(bench: Bench) -> None:
+    """``Noisy.variance`` is what ``run`` adds: of values that scatter a little about several levels, the spread about a straight line.
+
+    Tolerance: five standard errors of a variance, found from the fourth moment of what is drawn.
+    """
+    port = bench.one_array
+    stage: Any = bench.stage
+    if not isinstance(bench.stage, Noisy) or port is None or not {"y", "x"} <= set(bench.reads[port].dims):
+        return
+    main = next(variable for variable, d in bench.writes.items() if {"y", "x"} <= set(d.dims))
+    for level in LEVELS:
+        given, found = [], []
+        for seed in range(SEEDS if stage.by_line else 1):
+            inputs = bench.arrays("uniform", LARGE, level)
+            random = np.random.default_rng([seed, 2])
+            inputs[port] = inputs[port] * random.uniform(0.9, 1.1, inputs[port].shape)
+            trial = bench.run(inputs, frame=LARGE, seed=b"variance %d" % seed)
+            if not trial.done:
+                return
+            given.append(inputs[port])
+            found.append(np.asarray(trial.arrays[main], dtype=float))
+        check_variance(bench, np.array(given), np.array(found), bench.writes[main].unit, bool(stage.by_line))
+
+
+def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: bool) -> None:
+    stage: Any = bench.stage
+    slope = float(np.cov(given.ravel(), found.ravel())[0, 1] / given.var())
+    if slope <= 0 or not math.isfinite(slope) or (bench.writes[next(iter(bench.writes))].dtype != "float" and np.unique(found).size < 16):
+        return  # clipped, or a step wider than what varies: rounding is no noise there
+    apart = found - slope * given
+    charge = float((found if unit == "electron" else given).mean())
+    told = float(stage.variance(charge))
+    hold(math.isfinite(told) and told >= 0, f"{bench.name}.variance({charge:g}) is {told:g}")
+    apart = apart - apart.mean()
+    measured = float((apart**2).mean()) / (1.0 if unit == "electron" else slope**2)
+    kurtosis = max(3.0, float((apart**4).mean() / max((apart**2).mean() ** 2, 1e-300)))
+    count = apart.size / (min(apart.shape[-2:]) if by_line else 1)
+    allowed = SIGMAS * math.sqrt((kurtosis - 1) / count) + 0.01
+    silent = told == 0 and measured <= 1e-12 * max(charge, 1e-300) ** 2
+    off = 0.0 if silent else ratio_of(abs(measured - told), told)
+    within(
+        off, allowed,
+        f"{bench.name}.variance says {told:.4g} electron2 at {charge:.4g} electrons, but what it draws has {measured:.4g}; "
+        f"allowed is {100 * allowed:.2g} % apart",
+    )  # fmt: skip
+
+
+def matrix_told(bench: Bench) -> None:
+    """The condition number of what a stage solves: of a matrix that it writes, or of the colours that it makes of colours.
+
+    A linear stage on channels is solved back: what its matrix has done to three colours can be undone as well as its condition says.
+    """
+    trial = bench.run(bench.arrays("ordinary"))
+    for variable, declaration in bench.writes.items() if trial.done else ():
+        if len(declaration.dims) == 2 and not {"y", "x", "frame", "stage"} & set(declaration.dims):
+            magnified(float(np.linalg.cond(np.asarray(trial.arrays[variable], dtype=float))))
+    port = next((p for p, d in bench.reads.items() if d.dims == ("channel", "y", "x")), None)
+    main = next((v for v, d in bench.writes.items() if d.dims == ("channel", "y", "x")), None)
+    if port is None or main is None or not bench.steady or bench.given_grids:
+        return
+    ordinary = bench.arrays("ordinary", SMALL)
+    size = ordinary[port].shape[0]
+    base = np.random.default_rng(3).uniform(0.3, 0.7, size)
+    colours = [base, base * 0.9, *(base + STEP * unit for unit in np.eye(size))]
+    found = []
+    for colour in colours:
+        one = bench.run({**ordinary, port: np.broadcast_to(colour[:, None, None], ordinary[port].shape).copy()}, frame=SMALL)
+        if not one.done or one.arrays[main].shape[0] != size:
+            return
+        found.append(np.asarray(one.arrays[main], dtype=float)[:, 1, 1])
+    matrix = np.stack([(own - found[0]) / STEP for own in found[2:]], axis=1)
+    scale = np.abs(found[0]).max()
+    if not scale or np.abs(found[1] - 0.9 * found[0]).max() > LINEAR * scale or np.linalg.matrix_rank(matrix) < size:
+        return  # no matrix
+    condition = float(np.linalg.cond(matrix))
+    magnified(condition)
+    back = np.linalg.solve(matrix, found[0])
+    off = ratio_of(float(np.abs(back - base).max()), float(np.abs(base).max()))
+    allowed = 10 * condition * UNSTATED["float64"]
+    within(off, allowed, f"{bench.name}: its colours cannot be solved back: {off:.2g} off, where a condition of {condition:.3g} costs less")

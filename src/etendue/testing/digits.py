@@ -1,0 +1,154 @@
+"""How many digits a stage keeps: single, double and long double precision side by side, at every level of its input.
+
+In:  a ``Bench``.
+Out: nothing, or ``LawBroken`` that says where the digits go.
+
+Held on a machine whose long double has more digits than its double; where it has not, double precision is its own reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from etendue.plan.parameters import SMALLEST
+from etendue.run.tables import prepared_of
+from etendue.spec.capabilities import Transfer, is_random
+from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
+from etendue.testing.checks import bound_of
+from etendue.testing.measured import ratio_of, within
+
+LONG = "longdouble"
+UNSTATED = {"float32": 1e-5, "float64": 1e-11}  # of full scale, of a stage that states no error: a hundred roundings of 32 bits
+ANY = 1e-6  # a bound above it holds what is approximated, and says nothing of digits
+STEPS = (1e-8, 3e-8, 1e-7)
+CURVED = 1e-9  # of full scale, that a step of 1e-7 may be off a straight line: the curvature of anything smooth is far below
+LEVELS = ((1.0, "ordinary"), (1e-6, "ordinary"), (1e3, "ordinary"), (1.0, "decades"), (1.0, "faint"), (1.0, "point"), (1.0, "hole"))
+FREQUENCIES = 400  # where a transfer function is looked at first, um-1, from 1e-6 to 1e3
+ZOOMS, CLOSER = 6, 30.0  # how often, and by how much, it is looked at more closely where the precisions differ most
+
+
+def digits_kept(bench: Bench) -> None:
+    """The results of one input in three precisions, relative to the largest value of each."""
+    if isinstance(bench.stage, Transfer):
+        transfer_digits(bench)
+    if not bench.steady:
+        return
+    for what, factor, frame in inputs_of(bench):
+        given = bench.given(bench.arrays(what, frame, factor), "float32")
+        try:
+            single, double = bench.run(given, "float32", frame), bench.run(given, "float64", frame)
+        except ValueError:
+            continue  # a grid that it refuses
+        if not (single.done and double.done):
+            continue  # refused: another law's subject
+        where = f"{what} input x {factor:g} of {frame[0]} x {frame[1]}" if bench.reads else "what it writes"
+        compare(bench, double, long_double(bench, given, frame), where, "float64", allowed(bench, given, "float64", frame), frame)
+        both = allowed(bench, given, "float32", frame) + allowed(bench, given, "float64", frame)
+        compare(bench, single, double, where, "float32", both, frame)
+    for port, declaration in bench.reads.items():
+        if declaration.dtype == "float" and not bench.kind.decides:
+            double_inside(bench, port)
+
+
+def double_inside(bench: Bench, port: str) -> None:
+    """Whether what is double stays double: a step up and a step down cancel but for curvature, unless something is rounded to 32 bits."""
+    inputs = bench.arrays("ordinary")
+    base = bench.run(inputs)
+    for step in STEPS if base.done else ():
+        up, down = (bench.run({**inputs, port: inputs[port] * (1 + sign * step)}) for sign in (1, -1))
+        for variable, now in base.arrays.items() if up.done and down.done else ():
+            if bench.writes[variable].dtype != "float" or not full_scale(now):
+                continue
+            both = np.asarray(up.arrays[variable], float) + np.asarray(down.arrays[variable], float)
+            off = ratio_of(largest_difference(both, 2 * np.asarray(now, float)), max(full_scale(now), SMALLEST))
+            within(
+                off, CURVED,
+                f"{bench.name}: digits lost in double precision, as if something were rounded to 32 bits: {variable} is {off:.2g} of its "
+                f"largest value off the straight line where {port} moves by {step:g} up and down, allowed {CURVED:g}",
+            )  # fmt: skip
+
+
+def inputs_of(bench: Bench) -> Iterator[tuple[str, float, Frame]]:
+    if not bench.reads:
+        yield "ordinary", 1.0, FRAME
+        return
+    for factor, what in LEVELS:
+        yield what, factor, FRAME
+    if not bench.given_grids and bench.one_array:
+        yield "ordinary", 1.0, LARGE
+
+
+def long_double(bench: Bench, given: Any, frame: Frame) -> Trial | None:
+    """The same in long double, where the stage and the libraries below it know that precision."""
+    if is_random(bench.kind):
+        return None  # draws are made in one of two precisions
+    try:
+        found = bench.run(given, LONG, frame)
+    except Exception:  # of a library that has no such type
+        return None
+    return found if found.done else None
+
+
+def allowed(bench: Bench, given: Any, precision: str, frame: Frame) -> float:
+    """What the stage states, or what a careful one keeps."""
+    stated = bench.own_error(given, precision, frame)
+    least = UNSTATED[precision] if stated is None or precision == "float64" else 0.0
+    return max(least, stated or 0.0)
+
+
+def compare(bench: Bench, found: Trial, finer: Trial | None, where: str, precision: str, bound: float, frame: Frame) -> None:
+    if finer is None:
+        return
+    for variable, exact in finer.arrays.items():
+        if bench.writes[variable].dtype != "float":
+            continue
+        with np.errstate(all="ignore"):
+            off = ratio_of(largest_difference(found.arrays[variable], exact), max(full_scale(exact), SMALLEST))
+        said = (
+            "cancellation: even double precision loses digits, as long double shows" if precision == "float64"
+            else "digits lost in single precision: a long sum in float32, or a difference of large numbers"
+        )  # fmt: skip
+        within(
+            off, bound,
+            f"{bench.name}: {said}; {variable} is off by {off:.2g} of its largest value on {where}, allowed {bound:.2g}",
+        )  # fmt: skip
+
+
+def transfer_digits(bench: Bench) -> None:
+    """A transfer function along a line of frequencies, in double and in long double; closer and closer where they differ most."""
+    stage = bench.stage
+    assert isinstance(stage, Transfer)
+    grids = bench.input_grids()
+    prepared = prepared_of(stage, grids, bench.job().grids)
+    last = [] if prepared is None else [prepared]
+    edges = np.array([500.0, 520.0, 540.0, 560.0, 580.0, 600.0])
+    wavelength = (0.5e-3 * (edges[:-1] + edges[1:]))[:, None, None]
+
+    def planes(frequency: Any, precision: Any) -> Any:
+        fx, fy = frequency.astype(precision)[None, :], np.zeros((1, 1), precision)
+        with np.errstate(all="ignore"):
+            return np.asarray(stage.transfer(fy, fx, wavelength.astype(precision), *last))
+
+    frequency = np.geomspace(1e-6, 1e3, FREQUENCIES)
+    bound = max(UNSTATED["float64"], min(ANY, bound_of(bench, bench.arrays("ordinary"), "float64")))
+    for _ in range(ZOOMS):
+        double = planes(frequency, np.float64)
+        try:
+            exact = planes(frequency, np.longdouble)
+        except TypeError:
+            return
+        near = planes(frequency * (1 + 4 * np.finfo(float).eps), np.float64)  # what the rounding of its argument costs is none of its own
+        apart = np.maximum(np.abs(double - exact).astype(float) - np.abs(near - double), 0.0)
+        apart = np.where(np.isfinite(apart), apart, 0.0)  # what is not finite is another law's
+        worst = float(apart.max())
+        at = float(frequency[int(apart.reshape(-1, frequency.size).max(axis=0).argmax())])
+        within(
+            worst, bound,
+            f"{bench.name}: cancellation: even double precision loses digits, as long double shows; its transfer function is off by "
+            f"{worst:.2g} at {at:.9g} um-1, allowed {bound:.2g}",
+        )  # fmt: skip
+        ratio = float(frequency[-1] / frequency[0]) ** (1 / CLOSER)
+        frequency = np.geomspace(at / ratio, at * ratio, FREQUENCIES)

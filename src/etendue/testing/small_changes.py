@@ -1,0 +1,142 @@
+"""What becomes of a small change: of the input, of a parameter, of the unit of the light.
+
+In:  a ``Bench``.
+Out: nothing, or ``LawBroken`` that says what jumped.
+
+A change by one unit in the last place must do no more than a billionth of what a change by 1e-6 does, its roundings apart; a change by
+1e-6 no more than ``JUMP`` of full scale. What a change of 1e-6 does, times 1e6, is the condition number.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from etendue.plan.parameters import SMALLEST
+from etendue.spec.stage import parameters_of
+from etendue.testing.bench import Arrays, Bench, Trial, full_scale, largest_difference
+from etendue.testing.checks import bound_of
+from etendue.testing.digits import UNSTATED
+from etendue.testing.measured import hold, magnified, ratio_of, within
+
+STEP = 1e-6
+JUMP = 1e-2  # of full scale, for a change of 1e-6: a condition number of 10 000
+SHARE = 1e-3  # of what a change of 1e-6 does, that one by an ulp may do: 4e6 times what a straight line would
+LIGHT = ("W m-2 sr-1 nm-1", "W m-2 nm-1")  # units in which nothing but light is measured
+UNITS = (2.0**-20, 2.0**20)
+
+
+def jumps(bench: Bench) -> bool:
+    """Whether a stage decides or rounds by its nature: it writes whole numbers, or says so."""
+    return bench.kind.decides or any(d.dtype != "float" for d in bench.writes.values())
+
+
+def input_changes(bench: Bench) -> None:
+    """All of an input moved by an ulp, and by 1e-6."""
+    if not bench.steady or jumps(bench):
+        return
+    for port, declaration in bench.reads.items():
+        if declaration.dtype != "float":
+            continue
+        for what in ("ordinary", "decades"):
+            inputs = bench.arrays(what)
+            base = bench.run(inputs)
+            moved = {
+                "an ulp": bench.run({**inputs, port: np.nextafter(inputs[port], np.inf)}),
+                "1e-6": bench.run({**inputs, port: inputs[port] * (1 + STEP)}),
+            }
+            compare(bench, base, moved, f"{port} of {what} input", inputs)
+
+
+def parameter_changes(bench: Bench, names: tuple[str, ...] | None = None) -> None:
+    """Every number among the parameters moved by an ulp, and by 1e-6: towards what is allowed."""
+    if not bench.steady:
+        return
+    inputs = bench.arrays("ordinary")
+    base = bench.run(inputs)
+    for name, (parameter, kind, _) in parameters_of(bench.kind).items():
+        value = getattr(bench.stage, name)
+        if kind is not float or parameter.fidelity or not math.isfinite(value) or not value or (names is not None and name not in names):
+            continue
+        if jumps(bench):
+            continue
+        trials = {}
+        for word, step in (("an ulp", math.ulp(value)), ("1e-6", STEP * abs(value))):
+            near = next((v for v in (value + step, value - step) if parameter.allows(v)), None)
+            trial = None if near is None else with_parameter(bench, name, near, inputs)
+            if trial is not None:
+                trials[word] = trial
+        compare(bench, base, trials, f"{name} = {value:g}", inputs)
+
+
+def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial | None:
+    """The result with one parameter changed; None where the stage refuses it, or the grid is another."""
+    try:
+        stage = dataclasses.replace(bench.stage, **{name: value})
+        return Bench(stage, bench.given_grids or bench.input_grids(), bench.scales).run(inputs)
+    except ValueError:
+        return None
+
+
+def bench_bound(bench: Bench, inputs: Any) -> float:
+    return 2 * max(UNSTATED["float64"], min(1e-6, bound_of(bench, inputs, "float64")))
+
+
+def compare(bench: Bench, base: Trial, moved: dict[str, Trial], what: str, inputs: Arrays) -> None:
+    """Relative to the largest value of a result, or of what it was made of where a stage writes what it reads."""
+    if not base.done:
+        return
+    rounding = bench_bound(bench, inputs)
+    read = {d.variable: full_scale(inputs[port]) for port, d in bench.reads.items()}
+    for variable, now in base.arrays.items():
+        scale = max(full_scale(now), read.get(variable, 0.0), SMALLEST)
+        apart = {
+            word: ratio_of(largest_difference(trial.arrays[variable], now), scale)
+            for word, trial in moved.items()
+            if trial.done and trial.arrays[variable].shape == now.shape
+        }
+        if "1e-6" in apart:
+            magnified(apart["1e-6"] / STEP)
+            within(
+                apart["1e-6"], JUMP + rounding,
+                f"{bench.name}: {variable} jumps by {apart['1e-6']:.2g} of its largest value when {what} moves by 1e-6; "
+                "say decides = True if that is its nature",
+            )  # fmt: skip
+        if "an ulp" in apart:
+            within(
+                apart["an ulp"], SHARE * min(apart.get("1e-6", 0.0), JUMP) + rounding,
+                f"{bench.name}: {variable} jumps by {apart['an ulp']:.2g} of its largest value when {what} moves by its last bit: "
+                "digits are lost, or something is decided there",
+            )  # fmt: skip
+
+
+def unit_changes(bench: Bench) -> None:
+    """Light in a unit a million times as large or as small is the same light: a hidden constant shows.
+
+    Of stages that read and write one variable of light and nothing else that has its unit.
+    """
+    port = bench.one_array
+    if port is None or not bench.steady:
+        return
+    declaration = bench.reads[port]
+    main = next((v for v, d in bench.writes.items() if v == declaration.variable), None)
+    if main is None or declaration.unit not in LIGHT or any(p.units == declaration.unit for p, _, _ in parameters_of(bench.kind).values()):
+        return
+    for what in ("ordinary", "decades", "point"):
+        inputs = bench.arrays(what)
+        base = bench.run(inputs)
+        if not base.done:
+            continue
+        for factor in UNITS:
+            other = bench.run({port: inputs[port] * factor})
+            hold(other.done, f"{bench.name} fails where the unit of {port} is {1 / factor:g} times as large: {other.last_line}")
+            found, wanted = np.asarray(other.arrays[main], float) / factor, np.asarray(base.arrays[main], float)
+            apart = ratio_of(largest_difference(found, wanted), full_scale(wanted))
+            within(
+                apart, 2 * UNSTATED["float64"],
+                f"{bench.name}: a hidden constant: {main} is off by {apart:.2g} of its largest value on {what} input where its unit is "
+                f"{1 / factor:g} times as large, and no parameter has that unit",
+            )  # fmt: skip
