@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 from etendue.spec.capabilities import Sampled
 from etendue.spec.grid import Grid
@@ -23,8 +24,8 @@ class KnobLaws:
 
     bench: Bench
     stage: Stage
-    grids: Mapping[str, Grid]
-    scales: Mapping[str, float]
+    grids: ClassVar[Mapping[str, Grid]]
+    scales: ClassVar[Mapping[str, float]]
 
     def test_its_mean_is_that_of_its_draws(self) -> None:
         """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know of it."""
