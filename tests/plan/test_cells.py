@@ -1,6 +1,7 @@
 """Each thing once: stages at the product of the axes that reach them, and only the stages a wanted variable needs."""
 
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -105,14 +106,16 @@ def test_what_is_kept_causes_no_computing_and_is_looked_up_by_variable_stage_or_
 
 
 def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
-    """Wanting raw needs neither the module of the colour stages, which are not in the file, nor colour-science."""
+    """Wanting raw needs neither the module of the colour stages, which are not in the file, nor, where the scene is known, colour-science."""
     (tmp_path / "file.toml").write_text(CAMERA + SCENE.format(scene="uniform") + SENSOR)
     script = (
         "import sys; from pathlib import Path; from etendue.plan.planner import make_plan; from etendue.registry import installed_stages;"
         "from etendue.spec.pipeline import read_pipeline; make_plan(read_pipeline(Path('file.toml')), installed_stages());"
         "print(*sorted(m for m in sys.modules if 'stages' in m), 'colour' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    cache = os.environ | {"ETENDUE_CACHE": str(tmp_path / "cache")}
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True, env=cache)
     loaded = {name.removeprefix("etendue.stages.") for name in done.stdout.split()}
     assert {"electronics.exposure", "optics.gathering", "scene.charts", "sensor.pixel", "False"} <= loaded
     assert not {name.split(".")[0] for name in loaded} & {"colour", "restoration", "resolution", "quality"}

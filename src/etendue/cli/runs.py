@@ -107,13 +107,14 @@ def run(
             click.echo(f"note: {printable(text)}", err=True)
     measurement = _measurement(made, options, quiet) if measure and not held else None
     outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
-    measured = _measured(measurement, folder) if measurement and not held else None
+    measured = _measured(measurement, folder, made) if measurement and not held else None
     if held:
         from etendue.report.global_error import held_document
         from etendue.studies import holding
+        from etendue.studies.stating import stated_elsewhere
 
         holding.keep(held, folder)
-        measured = held_document(held)
+        measured = held_document(held, stated_elsewhere(made, held.measured, held.places))
     if as_json:
         say({**outcome_document(outcome), **(measured or {})})
     else:
@@ -148,11 +149,14 @@ def _measurement(made: Any, options: Any, quiet: bool) -> Any:
     return Measurement(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress)
 
 
-def _measured(measurement: Any, folder: Path) -> dict[str, Any]:
+def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
     """The global errors of a run, as in ``--json``."""
     from etendue.report.global_error import global_error_document
+    from etendue.studies.stating import stated_elsewhere
 
-    return global_error_document(measurement.remembered(folder), measurement.pipeline.tolerance)
+    found = measurement.remembered(folder)
+    stated = stated_elsewhere(made, found, measurement.places)
+    return global_error_document(found, measurement.pipeline.tolerance, measurement.pipeline.norm, stated)
 
 
 @command("show")

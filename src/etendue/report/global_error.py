@@ -7,6 +7,7 @@ Out: a document for ``--json``; a table of the worst, on stdout.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from etendue.report.terminal import _out, _table, escape, human_seconds, short_axes
@@ -14,8 +15,10 @@ from etendue.report.terminal import _out, _table, escape, human_seconds, short_a
 SHOWN = 10  # rows; what is smaller is told in one line
 
 
-def global_error_document(found: Any, tolerance: float, norm: str = "rms") -> dict[str, Any]:
-    """``global_error`` by variable, and how it was measured."""
+def global_error_document(
+    found: Any, tolerance: float, norm: str = "rms", stated: Mapping[str, float | None] | None = None
+) -> dict[str, Any]:
+    """``global_error`` by variable, and how it was measured; ``stated`` for cells that were not."""
     errors = {}
     for name, error in found.errors.items():
         errors[name] = {"rms": error.rms, "max": error.max, "how": error.how, "held": error.held(tolerance, norm), "at": dict(error.at)}
@@ -23,13 +26,15 @@ def global_error_document(found: Any, tolerance: float, norm: str = "rms") -> di
             errors[name]["linear"] = {"rms": error.linear[0], "max": error.linear[1]}
         if error.why:
             errors[name]["why"] = error.why
+        if stated is not None:
+            errors[name]["elsewhere"] = stated.get(name)
     told = {"cells": found.cells, "seconds": found.seconds, "remembered": found.remembered, "tolerance": tolerance}
     return {"global_error": errors, "measured": told}
 
 
-def held_document(held: Any) -> dict[str, Any]:
+def held_document(held: Any, stated: Mapping[str, float | None]) -> dict[str, Any]:
     """What ``--hold`` found beside the errors that it measured."""
-    document = global_error_document(held.measured, held.asked, held.norm)
+    document = global_error_document(held.measured, held.asked, held.norm, stated)
     document["measured"] |= {"seconds": held.seconds, "remembered": held.remembered}
     return {**document, "hold": held.document()}
 
@@ -89,6 +94,10 @@ def print_global_error(document: dict[str, Any]) -> None:
             out.print(f"held: everything wanted is within {hold['asked']:g} of the reference, with local tolerance {hold['tolerance']:g}")
     elif missed:
         out.print(f"not held: {missed} of {len(errors)} variables are further from the reference than the tolerance")
+    elsewhere = {name: error["elsewhere"] for name, error in errors if error.get("elsewhere")}
+    if elsewhere:
+        worst = max(elsewhere, key=lambda name: elsewhere[name])
+        out.print(f"of cells that were not measured at most {_number(elsewhere[worst])} is stated ({escape(worst)})")
     when = ", as an earlier run measured it" if told["remembered"] else ""
     out.print(f"measured at {cells} of the sweep in {human_seconds(told['seconds'])} of thread time{when}")
 

@@ -28,6 +28,7 @@ class Parameter:
     reference: str = ""
     settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
     studied: bool = False  # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
+    exact: bool = False  # of a fidelity parameter: its reference leaves nothing out, though it is neither 0 nor without end
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder
     table: bool = False  # a name, or the path of a CSV file
@@ -43,7 +44,7 @@ class Parameter:
     def closed_form(self) -> bool:
         """Whether the reference setting is exact: 0 or no limit, as knobs say that leave nothing out."""
         last = self.settings[-1] if self.settings else None
-        return isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last))
+        return self.exact or (isinstance(last, int | float) and not isinstance(last, bool) and (last == 0 or math.isinf(last)))
 
     def range_text(self) -> str:
         """The allowed range in words, '' when everything is."""

@@ -42,6 +42,7 @@ class Held:
     seconds: float = 0.0
     remembered: bool = False
     key: str = ""
+    places: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def held(self) -> bool:
@@ -69,9 +70,8 @@ def hold(
     measurement = Measurement(pipeline, registry, cells, options, progress)
     key = digest(f"hold {asked:g} {pipeline.norm} {measurement.key()}".encode())
     known = _remembered(recall(archive, key), asked, pipeline.norm) if archive is not None else None
-    if known is not None:
-        return known
-    return replace(_search(measurement, asked, pipeline.norm), key=key)
+    found = known or replace(_search(measurement, asked, pipeline.norm), key=key)
+    return replace(found, places=measurement.places)
 
 
 def keep(held: Held, archive: Path) -> None:

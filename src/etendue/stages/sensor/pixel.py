@@ -109,7 +109,7 @@ class Pixel(Collecting, Summed):
         doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve most lenses",
     )  # fmt: skip
     kept_frequencies: float = param(
-        1.0, above=0, at_most=1, fidelity=True, reference="1: all that the grid carries",
+        1.0, above=0, at_most=1, fidelity=True, exact=True, reference="1: all that the grid carries",
         settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0),
         doc="share of the grid's Nyquist frequency beyond which light is left out",
     )  # fmt: skip
