@@ -53,7 +53,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
     return found
 
 
-@lru_cache(128)
+@lru_cache(48)
 def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
     """Of one stage, asked once: the same lens stands in front of many pixels."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
@@ -70,7 +70,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
     return _remembered(state_of(stage), edges, rings)
 
 
-@lru_cache(512)
+@lru_cache(96)
 def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
     """(wavelength, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_spectrum.frequencies_in(np.array(rings)))

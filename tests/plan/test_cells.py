@@ -106,7 +106,7 @@ def test_what_is_kept_causes_no_computing_and_is_looked_up_by_variable_stage_or_
 
 
 def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
-    """Wanting raw needs neither the module of the colour stages, which are not in the file, nor, where the scene is known, colour-science."""
+    """Wanting raw needs neither the module of the colour stages, which are not in the file, nor colour-science where the scene is known."""
     (tmp_path / "file.toml").write_text(CAMERA + SCENE.format(scene="uniform") + SENSOR)
     script = (
         "import sys; from pathlib import Path; from etendue.plan.planner import make_plan; from etendue.registry import installed_stages;"

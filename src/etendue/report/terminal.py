@@ -225,6 +225,8 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
     return {
         "archive": str(outcome.archive) if outcome.archive else None,
         "store": str(outcome.archive / "data.zarr") if outcome.archive else None,
+        "tolerance": outcome.plan.pipeline.tolerance if outcome.plan.leaves_out else None,
+        "norm": outcome.plan.pipeline.norm,
         "stages": stages,
         "computed": outcome.computed,
         "reused": len(outcome.reused),

@@ -82,7 +82,7 @@ def passed(width: float, rings: tuple[float, ...]) -> Any:
     return found
 
 
-@lru_cache(256)
+@lru_cache(96)
 def _missing(
     weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, rings: tuple[float, ...], terms: int,
     limit: float,
@@ -105,7 +105,7 @@ def _missing(
     return every
 
 
-@lru_cache(256)
+@lru_cache(64)
 def basis_of(weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int) -> Any:
     """(terms, wavelength): the functions of wavelength in which the light is gathered."""
     own = np.array(weights)

@@ -1,0 +1,97 @@
+"""A global error that is asked for is held, with the loosest tolerance that holds it, or it is said what stands in the way."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from etendue.cli.program import main
+from etendue.plan.planner import make_plan
+from etendue.registry import installed_stages
+from etendue.session import Options, collect, load
+from etendue.studies.holding import LADDER, hold, missed
+from etendue.studies.measuring import Measurement
+from etendue.studies.stating import stated_elsewhere
+from tests.plan.given import CAMERA, SCENE, SENSOR
+
+TEXT = CAMERA + SCENE.format(scene="composite") + SENSOR + '[sweep]\nf_number = [2, 4, 8]\npixel_pitch = ["2 um", "4 um"]\n'
+WANTED = {"wanted": ["photon_rate"]}
+
+
+def pipeline_of(**overrides):
+    return load(TEXT, {**WANTED, **overrides})
+
+
+@pytest.mark.parametrize("asked", [0.1, 3e-3, 1e-4])
+def test_what_is_asked_for_is_held_and_the_next_looser_tolerance_does_not_hold_it(asked):
+    registry = installed_stages()
+    found = hold(pipeline_of(), registry, asked)
+    assert found.held
+    assert found.tolerance in LADDER
+    assert all(error.rms <= asked for error in found.measured.errors.values())
+    looser = LADDER.index(found.tolerance) - 1
+    if looser >= 0:
+        measured = Measurement(replace(pipeline_of(), tolerance=LADDER[looser]), registry).errors()
+        assert missed(measured, asked, "rms")
+
+
+def test_what_rounding_does_not_allow_cannot_be_held_and_is_said():
+    """Double precision has no more than 1e-16 of full scale, and a stage that rounds so is to blame."""
+    found = hold(pipeline_of(wanted=["mosaic_linear"], precision="float32"), installed_stages(), 1e-12)
+    assert not found.held
+    assert found.missed == ("mosaic_linear",)
+    assert found.blame
+    assert found.measured.errors["mosaic_linear"].rms > 1e-12
+
+
+def test_what_the_file_writes_is_the_model():
+    assert hold(pipeline_of(**{"diffusion.nodes": 2}), installed_stages(), 1e-3).held
+
+
+def test_a_run_holds_says_so_and_remembers(tmp_path):
+    file = tmp_path / "file.toml"
+    file.write_text('name = "held"\nwanted = ["photon_rate"]\n' + TEXT)
+
+    def run(*more):
+        done = CliRunner().invoke(main, ["run", str(file), "--archive", str(tmp_path / "a"), "--scheduler", "serial", "--json", *more])
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout)
+
+    first, second = run("--hold", "1e-3"), run("--hold", "1e-3")
+    assert first["hold"]["held"]
+    assert not first["hold"]["remembered"]
+    assert second["hold"]["remembered"]
+    assert second["computed"] == 0
+    assert first["global_error"]["photon_rate"]["held"] is True
+    assert first["hold"]["tolerance"] == second["hold"]["tolerance"] == first["tolerance"]
+    both = CliRunner().invoke(main, ["run", str(file), "--hold", "1e-3", "--tolerance", "1e-3"])
+    assert both.exit_code == 2
+
+
+def test_what_is_stated_of_other_cells_is_no_less_than_the_worst_of_them():
+    registry = installed_stages()
+    pipeline = pipeline_of(tolerance=3e-3, **{"sweep.f_number": [1.4, 2, 2.8, 4, 5.6, 8, 11, 16]})
+    few = Measurement(pipeline, registry, 3)
+    stated = stated_elsewhere(make_plan(pipeline, registry, expected=True), few.errors(), few.places)["photon_rate"]
+    true = Measurement(pipeline, registry, 100).errors().errors["photon_rate"].rms
+    assert true <= stated < 10 * true
+    every = Measurement(pipeline, registry, 100)
+    assert stated_elsewhere(make_plan(pipeline, registry), every.errors(), every.places) == {"photon_rate": None}
+
+
+def test_a_cell_of_gathered_bands_alone_is_that_of_a_sweep_bit_for_bit():
+    """What pixels of other sizes share changes nothing: neither whether it is shared, nor by whom it was made."""
+    pipeline = pipeline_of(tolerance=1e-2)
+    asked = {("pixel", (i, j)): ["photon_rate"] for i in range(3) for j in range(2)}
+    plan = make_plan(pipeline, installed_stages())
+    assert any(one.knob == "wavelength_terms" for cell in plan.of("pixel") for one in cell.approximated)
+    swept = collect(plan, asked, Options("threads", 2)).arrays
+    for (_, (i, j)), arrays in swept.items():
+        alone = load(
+            TEXT.split("[sweep]")[0],
+            {**WANTED, "tolerance": 1e-2, "camera.f_number": (2, 4, 8)[i], "camera.pixel_pitch": f"{(2, 4)[j]} um"},
+        )
+        own = collect(make_plan(alone, installed_stages()), {("pixel", ()): ["photon_rate"]}, Options("serial")).arrays
+        assert np.array_equal(own["pixel", ()]["photon_rate"], arrays["photon_rate"])
