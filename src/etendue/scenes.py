@@ -16,6 +16,7 @@ import numpy as np
 from etendue.coordinates import coordinates_of
 from etendue.errors import EtendueError
 from etendue.physics.light import scene_spectrum
+from etendue.spec.bounds import MOST_VALUES
 from etendue.spec.capabilities import Banded, Source
 from etendue.spec.facts import Spectrum
 from etendue.spec.grid import Grid
@@ -23,7 +24,7 @@ from etendue.spec.stage import Stage, arguments_of, writes_of
 from etendue.telling import foreign
 
 LARGEST = 1 << 25  # values that are looked at; of more, some bands stand for their neighbours
-AT_ONCE = 1 << 24
+AT_ONCE = 1 << 24  # values that are made together: of one band, or of all where the source makes no single ones
 
 
 def light_of(source: type[Source]) -> str | None:
@@ -32,8 +33,8 @@ def light_of(source: type[Source]) -> str | None:
 
 
 def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
-    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, and where
-    it cannot be made: the run says why."""
+    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, where it is too
+    large to be looked at (17 million samples a band), and where it cannot be made: the run says why."""
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -48,7 +49,8 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
         return None
     grid = grids[variable]
     y, x = grid.line("y"), grid.line("x")
-    if y.cells or x.cells:
+    together = y.size * x.size if isinstance(source, Banded) else grid.count
+    if y.cells or x.cells or together > AT_ONCE or grid.count > MOST_VALUES:
         return None
     edges = scene_spectrum.ring_edges(y.size, x.size, y.step, x.step)
     rows: list[Any] = []

@@ -210,11 +210,14 @@ CAMERA = ("exposure", *READ_OUT, "linearise", "white", "balance_mosaic", "demosa
 
 
 def arrays_of(tree):
-    """Every array by stage and variable, those of the metering itself aside."""
+    """Every array by stage and variable, those of the metering itself aside, and what became of cells: what is found is not known
+    before, so that less may be left out."""
     found = {}
     for node in tree.subtree:
         if node.path.strip("/").split("/")[0] not in ("", "ledger", "summary", "frames", "meter"):
-            found |= {f"{node.path}/{name}": array.values for name, array in node.to_dataset(inherit=False).data_vars.items()}
+            found |= {
+                f"{node.path}/{name}": array.values for name, array in node.to_dataset(inherit=False).data_vars.items() if name != "status"
+            }
     return found
 
 

@@ -36,7 +36,7 @@ def notes(*asked, **tables):
 
 
 def ran(variable, *asked, **tables):
-    tree = etendue.simulate({**document(*asked, **tables), "wanted": [variable]})
+    tree = etendue.simulate({**document(*asked, **tables), "wanted": [variable]}, leave_out=False)
     stage, _, name = variable.partition(".")
     return tree[stage][name]
 
@@ -94,7 +94,7 @@ def test_a_cube_at_a_stated_level_is_the_same_whichever_bands_it_has(tmp_path):
 def test_two_windows_of_the_smallest_camera_add_up():
     def photocurrent(low, high):
         window = {"scene__wavelength_from": low, "scene__wavelength_to": high}
-        tree = etendue.simulate(SMALLEST, want=["photocurrent"], f_number=2.8, pixel_pitch=5.4, **window)
+        tree = etendue.simulate(SMALLEST, want=["photocurrent"], f_number=2.8, pixel_pitch=5.4, leave_out=False, **window)
         return tree["mosaic"].photocurrent.values
 
     whole = photocurrent(400, 700)

@@ -135,7 +135,7 @@ def test_an_error_of_a_trial_is_the_error_of_that_pipeline(camera, found):
     trial = next(t for t in found.trials if t.settings == {"diffusion.nodes": 64})
     measured = Measurement(camera, installed_stages(), 1)
     rest = {(k.stage, k.use, k.name): k.reference for k in measured.reference.knobs}
-    own = measured.errors(settings={**rest, ("diffusion", "diffusion", "nodes"): 64}, precision="float64")
+    own = measured.errors(0.0, settings={**rest, ("diffusion", "diffusion", "nodes"): 64}, precision="float64")
     assert trial.error == pytest.approx(own.worst, rel=1e-9)
     assert own.errors[trial.variable].rms == own.worst
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from etendue.errors import PluginError
 from etendue.plan.model import Approximated
+from etendue.spec.parameter import Parameter
 from etendue.spec.stage import Stage, parameters_of
 
 
@@ -52,24 +53,24 @@ def open_knobs(kind: type[Stage], written: Collection[str]) -> tuple[str, ...]:
 def choose(stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked) -> tuple[Stage, tuple[Approximated, ...]]:
     """A stage with its open knobs set, one after the other, and what was chosen where that is not the reference.
 
-    Of each knob the first setting from the cheap end whose error is within the tolerance, or no larger than that of the reference
-    setting: then nothing is gained by a finer one. Where a stage does not know its error the knob stays as it is; so it is set finer
-    than a setting that the stage refuses.
+    Of each knob the first setting from the cheap end whose error is within the tolerance. Where none is, or where a stage does not know its
+    error, the knob stays as it is. A setting that the stage refuses is passed over for a finer one.
     """
     chosen: list[Approximated] = []
     for name in knobs:
-        settings = parameters_of(type(stage))[name][0].settings
+        parameter, _, default = parameters_of(type(stage))[name]
+        settings = _allowed(parameter, default)
         reference = _with(stage, name, settings[-1])
         finest = None if reference is None else asked(reference)[0]
-        if reference is None or finest is None:
+        if reference is None or finest is None or finest > tolerance:
             continue
-        most, low, high = max(tolerance, finest), 0, len(settings) - 1
+        low, high = 0, len(settings) - 1
         found, bound = reference, finest
         while low < high:  # the first setting that fits: along the ladder no stated error grows
             middle = (low + high) // 2
             candidate = _with(stage, name, settings[middle])
             own = None if candidate is None else asked(candidate)[0]
-            if candidate is None or own is None or own > most:
+            if candidate is None or own is None or own > tolerance:
                 low = middle + 1
             else:
                 high, found, bound = middle, candidate, own
@@ -77,6 +78,12 @@ def choose(stage: Stage, knobs: tuple[str, ...], tolerance: float, asked: Asked)
         if high < len(settings) - 1:
             chosen.append(Approximated(name, settings[high], settings[-1], max(bound - finest, 0.0)))
     return stage, tuple(chosen)
+
+
+def _allowed(parameter: Parameter, default: Any) -> tuple[Any, ...]:
+    """The settings that a plan may choose: of a dear knob none finer than the default."""
+    found = parameter.settings
+    return found[: found.index(default) + 1] if parameter.dear and default in found else found
 
 
 def _with(stage: Stage, name: str, value: Any) -> Stage | None:

@@ -315,7 +315,10 @@ class _Expansion:
         spectrum = facts_in[port].spectrum
         if spectrum is None:
             return own
-        left = effects.behind(stage, grids_in[port].bands().edges, spectrum)
+        try:
+            left = effects.behind(stage, grids_in[port].bands().edges, spectrum)
+        except ValueError:  # it refuses, and says why in its own place
+            return own
         low, high = spectrum.range_of_light()
         return replace(own, spectrum=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high)
 

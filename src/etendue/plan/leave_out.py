@@ -49,7 +49,8 @@ def decide(
     own, grid = facts[main], grids_in[main]
     found = _of_the_stage(rule, stage, own, grid)
     if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.spectrum is not None and "wavelength" in grid:
-        found = _less(found, _of_the_spectrum(rule, stage, own, grid))
+        changed = _of_the_spectrum(rule, stage, own, grid)
+        found = found if changed is None else _less(found, changed)
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
         found = _of_the_noise(stage, own, noises, rule.tolerance)
     return found if found is not None and (found.bound == 0 or found.bound <= rule.tolerance) else None
@@ -72,12 +73,16 @@ def _of_the_stage(rule: Rule, stage: Stage, facts: Facts, grid: Grid) -> LeftOut
     return LeftOut(bound, why)
 
 
-def _of_the_spectrum(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut:
+def _of_the_spectrum(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None:
+    """The sum over what the light holds; None where the stage refuses to answer: it says why in its own place."""
     assert facts.spectrum is not None
     if facts.spectrum.detail == 0:
         dark = facts.spectrum.full == 0
         return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
-    bound = effects.change(stage, grid.bands().edges, facts.spectrum, rule.norm)
+    try:
+        bound = effects.change(stage, grid.bands().edges, facts.spectrum, rule.norm)
+    except ValueError:
+        return None
     return LeftOut(bound, "the scene holds so little detail that is fine enough for it")
 
 

@@ -16,7 +16,7 @@ from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage
+from etendue.spec.stage import Stage, parameters_of
 from etendue.telling import plain
 
 
@@ -42,7 +42,7 @@ def make_plan(
         raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = resolve_keep(graph.nodes, graph.keep)
     try:
-        warnings = _warnings(graph.nodes, cells)
+        warnings = _warnings(graph.nodes, cells, pipeline.tolerance)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), pipeline.file) from None
     plan = Plan(
@@ -62,13 +62,14 @@ def make_plan(
     return plan
 
 
-def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
+def _warnings(nodes: Any, cells: Any, tolerance: float) -> tuple[str, ...]:
     """What stages have to say about their own cells: each text once."""
     texts: dict[str, None] = {}
     places = {node.name: node.place for node in nodes}
     uses = {one.use: one.kind for node in nodes for one in node.alternatives}
     texts |= dict.fromkeys(_rewritten_in_vain(nodes))
     texts |= dict.fromkeys(notes_on_agreement(nodes, cells))
+    texts |= dict.fromkeys(_beyond_tolerance(cells, tolerance))
     among: dict[int, list[str]] = {}  # by stage: it serves many cells
     for cell in cells.values():
         kind = type(cell.stage)
@@ -84,6 +85,21 @@ def _warnings(nodes: Any, cells: Any) -> tuple[str, ...]:
             raise RequestError([Fault(places[cell.node], f"{cell.use}: {error}")]) from None
         texts |= dict.fromkeys(f"{cell.node}: {text}" for text in found)
     return tuple(texts)
+
+
+def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
+    """Stages that are more wrong than the tolerance, by what they state, and that cannot be asked for less without being told to."""
+    worst: dict[tuple[str, str, Any], float] = {}
+    for cell in cells.values():
+        dear = next((name for name, (p, _, _) in parameters_of(type(cell.stage)).items() if p.dear), None)
+        error = cell.error[0]
+        if dear is not None and cell.left_out is None and error is not None and error > tolerance:
+            key = (cell.node, dear, vars(cell.stage)[dear])
+            worst[key] = max(worst.get(key, 0.0), error)
+    return [
+        f"{stage}: states an error of {error:.2g}, above the tolerance of {tolerance:g}: no plan asks for a finer {name} than {value}"
+        for (stage, name, value), error in worst.items()
+    ]
 
 
 def _rewritten_in_vain(nodes: Any) -> list[str]:

@@ -142,7 +142,7 @@ def print_plan(document: dict[str, Any]) -> None:
         console.print(escape(text))
     for stage in document["stages"]:
         for text in told(stage["name"], stage["left_out"], stage["approximated"]):
-            console.print(escape(text), soft_wrap=True)
+            console.print(escape(text))
     console.print(
         f"{document['cells']} cells ({document['naive_cells']} if every stage ran at every point), "
         f"{human_bytes(document['bytes'])} before compression, about {human_seconds(document['seconds'])} of thread time, "
@@ -296,7 +296,7 @@ def print_outcome(outcome: Any) -> None:
     console.print(table)
     for row in rows:
         for text in told(row["name"], row["left_out"], row["approximated"]):
-            console.print(escape(text), soft_wrap=True)
+            console.print(escape(text))
     for name, why in outcome.reasons.items():
         console.print(f"computed again: {name}, because {escape(why)}")
     if outcome.removed:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
@@ -39,20 +40,23 @@ class Spectrum:
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
 
-    def scaled(self, low: float, high: float) -> Spectrum:
-        """Light times a factor that lies between two, from 0, and changes slowly over the frame: what it makes of even light is coarse."""
+    def scaled(self, low: float, high: float, smooth: bool = False) -> Spectrum:
+        """Light times a factor, from 0, that changes over the frame between two values: with what it makes of even light.
+
+        Of that the share beyond a frequency falls as 1/f, as of an edge; ``smooth``: as 1/f^3, as of a mirrored slope.
+        """
         if low == high or high <= 0:
             return replace(self, full=self.full * high, **({} if high > 0 else self._nothing()))
-        half = 0.5 * (1 - low / high)
-        ring = min(2, len(self.edges) - 2)
-        power, amplitude = [list(row) for row in self.power], [list(row) for row in self.amplitude]
-        for band, mean in enumerate(self.mean):
-            power[band][ring] += half * half * (mean * mean + sum(self.power[band]))
-            amplitude[band][ring] += half * (abs(mean) + sum(self.amplitude[band]))
+        half, first, fall = 0.5 * (1 - low / high), self.edges[min(2, len(self.edges) - 1)], 3 if smooth else 1
+        beyond = [min(1.0, (first / edge) ** fall) if edge > 0 else 1.0 for edge in self.edges[:-1]] + [0.0]
+        shares = [a - b for a, b in pairwise(beyond)]
+        power, amplitude = [], []
+        for mean, own, sums in zip(self.mean, self.power, self.amplitude, strict=True):
+            square, most = half * half * (mean * mean + sum(own)), half * (abs(mean) + sum(sums))
+            power.append(tuple(p + square * share for p, share in zip(own, shares, strict=True)))
+            amplitude.append(tuple(a + most * math.sqrt(share) for a, share in zip(sums, shares, strict=True)))
         darkest = tuple(v * low / high for v in self.low)
-        return replace(
-            self, full=self.full * high, power=tuple(map(tuple, power)), amplitude=tuple(map(tuple, amplitude)), low=darkest
-        )  # fmt: skip
+        return replace(self, full=self.full * high, power=tuple(power), amplitude=tuple(amplitude), low=darkest)
 
     def _nothing(self) -> dict[str, Any]:
         """Of light that is not there."""
@@ -132,8 +136,8 @@ class Facts:
     rendered: tuple[float, float] | None = None
     spectrum: Spectrum | None = None
 
-    def scaled(self, low: float, high: float | None = None) -> Facts:
-        """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0)."""
+    def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
+        """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0), ``smooth``: one that changes slowly."""
         high = low if high is None else high
         return replace(
             self,
@@ -141,7 +145,7 @@ class Facts:
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
-            spectrum=None if self.spectrum is None else self.spectrum.scaled(low, high),
+            spectrum=None if self.spectrum is None else self.spectrum.scaled(low, high, smooth),
         )
 
 

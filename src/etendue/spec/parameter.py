@@ -28,6 +28,7 @@ class Parameter:
     reference: str = ""
     settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
     studied: bool = False  # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
+    dear: bool = False  # of a fidelity parameter: settings finer than its default may not be had; no plan chooses them, and no reference
     exact: bool = False  # of a fidelity parameter: its reference leaves nothing out, though it is neither 0 nor without end
     file: bool = False  # the path of a file
     folder: bool = False  # of a file or a folder

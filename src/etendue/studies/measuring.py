@@ -27,6 +27,7 @@ from etendue.registry import Registry
 from etendue.session import Collected, Options, collect
 from etendue.spec.capabilities import has_no_mean
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.stage import parameters_of
 from etendue.spec.variables import variable as known
 from etendue.studies.differences import Difference, difference
 from etendue.studies.files import finite
@@ -246,7 +247,7 @@ class Measurement:
     def _error(self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any) -> GlobalError:
         """The worst cell of one variable."""
         worst: tuple[Difference, CellRef, Mapping[str, Any]] | None = None
-        doubt = 0.0
+        doubt = self.own_error_behind(stage)
         for ref, at in self.cells_of(plan, stage):
             own = _difference(plan, found, self.exact, truth, ref, name)
             if own.rms is None:
@@ -262,6 +263,15 @@ class Measurement:
         linear = in_front(plan, worst[1], name)
         beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
         return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt)
+
+    def own_error_behind(self, stage: str) -> float:
+        """What stages in front state of their own error that no reference betters: so much the reference itself may be wrong by."""
+        plan, found = self.exact, 0.0
+        for node in plan.nodes:
+            dear = any(p.dear for one in node.alternatives for p, _, _ in parameters_of(one.kind).values())
+            if dear and stage in behind(plan, [node.name]):
+                found = max([found, *(cell.error[0] for cell in plan.of(node.name) if cell.error[0] is not None and not cell.left_out)])
+        return found
 
     def blame(self, decisions: Iterable[tuple[str, str]]) -> dict[tuple[str, str], Measured]:
         """The errors with one decision undone at a time: (stage, ``left out``), (stage, a knob's name), or ('', ``precision``)."""

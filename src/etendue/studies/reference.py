@@ -34,7 +34,7 @@ class Knob:
     closed_form: bool  # the reference is no finite setting
     value: Any  # as the file has it, else its default
     written: bool  # in the file, by --set, or swept
-    studied: bool  # it changes a grid, or what a scene shows
+    studied: bool  # it changes a grid or what a scene shows, or its finer settings may not be had
     units: str
 
     @property
@@ -82,9 +82,8 @@ def knobs_of(pipeline: Pipeline, registry: Registry) -> tuple[Knob, ...]:
                     own = values.get(name, default)
                     settings = ladder(parameter, default)
                     closed = parameter.closed_form if parameter.settings else isinstance(default, str)
-                    found.append(
-                        Knob(entry.name, use, name, settings, closed, own, swept or name in values, parameter.studied, parameter.units)
-                    )
+                    left = parameter.studied or parameter.dear
+                    found.append(Knob(entry.name, use, name, settings, closed, own, swept or name in values, left, parameter.units))
     return tuple(found)
 
 

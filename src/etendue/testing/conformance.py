@@ -380,7 +380,7 @@ class StageConformance(ExtremeLaws, KnobLaws):
 
 def laws() -> list[str]:
     """The names of the laws, in order."""
-    return [name for kind in (StageConformance, ExtremeLaws) for name in vars(kind) if name.startswith("test_")]
+    return [name for kind in (StageConformance, ExtremeLaws, KnobLaws) for name in vars(kind) if name.startswith("test_")]
 
 
 def check_stage(stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> list[Finding]:

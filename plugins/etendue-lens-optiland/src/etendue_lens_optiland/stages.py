@@ -105,7 +105,7 @@ class Blur(Moved, Banded, Bounded):
     )  # fmt: skip
     window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
     tolerance: float = param(
-        0.1, above=0, below=1, fidelity=True, reference="0.01", settings=(0.3, 0.1, 0.03, 0.01),
+        0.1, above=0, below=1, fidelity=True, dear=True, reference="0.01", settings=(0.3, 0.1, 0.03, 0.01),
         doc="bound on the largest error of the convolution for any scene, as a share of full scale; photographs err by a tenth of it",
     )  # fmt: skip
     method: str = param(

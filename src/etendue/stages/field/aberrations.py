@@ -39,7 +39,7 @@ class Aberrations(Blur, Aberrated, Banded):
         0.0, at_least=0, below=1, held=(0, 0.999), doc="diameter of a central dark disc over that of the aperture; 0: clear"
     )
     accuracy: float = param(
-        0.03, at_least=5e-3, at_most=0.2, fidelity=True, example=0.2, reference="5e-3: a finer one is asked of wavefront",
+        0.03, at_least=5e-3, at_most=0.2, fidelity=True, dear=True, example=0.2, reference="5e-3: a finer one is asked of wavefront",
         settings=(0.2, 0.1, 0.05, 0.03, 0.02, 0.01, 5e-3),
         doc="largest error of the blur as a share of full scale; half of it is light in tails that are cut off",
     )  # fmt: skip

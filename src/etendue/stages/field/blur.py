@@ -60,7 +60,7 @@ class LensPsfField(Banded, Bounded):
         file=True, example="package:etendue/data/examples/bank.npz", doc="point spread functions by height and wavelength, .npz or .csv"
     )
     tolerance: float = param(
-        0.01, above=0, below=1, fidelity=True, reference="1e-3", settings=(0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
+        0.01, above=0, below=1, fidelity=True, dear=True, reference="1e-3", settings=(0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),
         doc="bound on the largest error of the convolution for any scene, as a share of full scale; edges err by a third to a tenth of it",
     )  # fmt: skip
     method: str = param(

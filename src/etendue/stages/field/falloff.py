@@ -97,7 +97,7 @@ class Falloff(Dimming, Banded, Bounded):
         return max(1.0 - low, high - 1.0), "the field is so small that fall-off stays below this at the corner"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]))
+        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=self.model != "table")
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if self.model != "table":

@@ -181,7 +181,7 @@ class AngularResponse(Dimming, Banded, Bounded):
     def carry(self, facts: Any, grid: Any) -> Facts:
         if self.does_nothing():
             return facts["irradiance"]
-        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]))
+        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
         if not self.table:

@@ -37,7 +37,7 @@ class Inverse(KnownNoise):
 
     nodes: int = param(
         0, at_least=0, at_most=4096, fidelity=True, reference="0: at every frequency of the picture",
-        settings=(16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 0),
+        settings=(16, 32, 64, 128, 0),
         doc="frequencies per cycle/pixel at which the transfer function is evaluated, cubic between them: 128 for frames above 1 Mpixel",
     )  # fmt: skip
 
