@@ -63,8 +63,7 @@ class Crosstalk(Collecting, Bounded):
         return None
 
     def carry(self, facts: Any, grid: Any) -> Facts:
-        """Charge is shared out, and none is made."""
-        return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts(low=0.0, high=facts["photocurrent"].high)
+        return facts["photocurrent"] if self.crosstalk == "per_plane" else Facts()
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """What goes farther than the largest kernel, counted where it lacks and where it is put; the transforms' rounding."""
