@@ -117,7 +117,7 @@ def main() -> None:
         print(f"refused: {seed}: {why}")
     print(f"{given.count - len(refused)} pipelines, {len(pairs)} variables with an error above {ABOVE:g}: "
           f"stated >= true in {honest:.1f} %, stated < 10 x true in {near:.1f} %")  # fmt: skip
-    sys.exit(honest < 95 or near < 80)
+    sys.exit(int(honest < 95 or near < 80))
 
 
 if __name__ == "__main__":

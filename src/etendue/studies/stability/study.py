@@ -92,5 +92,7 @@ def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
                 yield part, future.result()
             except BrokenProcessPool:
                 yield part, [Row(part.name, "its process lives", "", False, why="a process ended while it was tried, or one beside it")]
-    finally:
+    except BaseException:  # nobody waits for what is under way
         pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()  # all has ended: waiting for the workers, not racing them to the exit
