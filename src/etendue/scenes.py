@@ -81,20 +81,21 @@ def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterato
     given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
     count, size = grid.bands().size, grid.line("y").size * grid.line("x").size
     own: Any = source
-    with foreign(f"{type(source).__name__}.run"):
+    with foreign(f"{type(source).__name__}.prepare"):
         prepared = None if type(source).prepare is Stage.prepare else own.prepare(given)
 
-        def made(part: Any) -> Any:
-            names = arguments_of(type(source))
-            asked = {"asked": frozenset[str]()} | given | ({"prepared": part} if part is not None else {})
-            return own.run(**{name: asked[name] for name in names}).get(variable)
+    def made(part: Any) -> Any:
+        asked = {"asked": frozenset[str]()} | given | ({"prepared": part} if part is not None else {})
+        with foreign(f"{type(source).__name__}.run"):
+            return own.run(**{name: asked[name] for name in arguments_of(type(source))}).get(variable)
 
-        if not isinstance(source, Banded) or count * size <= AT_ONCE:
-            yield made(prepared)
-            return
-        step = max(1, math.ceil(count * size / LARGEST))
-        for band in range(0, count, step):
-            yield made(own.by_band(prepared, slice(band, band + 1)))
+    if not isinstance(source, Banded) or count * size <= AT_ONCE:
+        yield made(prepared)
+        return
+    for band in range(0, count, max(1, math.ceil(count * size / LARGEST))):
+        with foreign(f"{type(source).__name__}.by_band"):
+            part = own.by_band(prepared, slice(band, band + 1))
+        yield made(part)
 
 
 def _spread(rows: list[Any], count: int) -> list[Any]:

@@ -10,12 +10,15 @@ from typing import Any, ClassVar
 
 import pytest
 
-from etendue.api import Bands, Bounded, Facts, Grid, Line, Source, Stage, hookimpl, param
+from etendue.api import Bands, Bounded, Facts, Grid, Line, Noisy, Source, Stage, hookimpl, param, quantity
 from etendue.discovery import Discovery
 from etendue.errors import PluginError, RequestError
+from etendue.plan import asking
+from etendue.plan.approximate import choose
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.spec.capabilities import check_class
+from etendue.spec.found import Found
 from etendue.spec.pipeline import parse_pipeline
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
@@ -181,3 +184,41 @@ def test_what_a_hook_raises_is_the_fault_of_its_distribution(monkeypatch):
     monkeypatch.setattr("etendue.discovery.is_ours", lambda error: False)
     with pytest.raises(PluginError, match=r"'filter' of bad-light 1.0 cannot be loaded: KeyboardInterrupt"):
         registry.load("filter")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hiss(Noisy):
+    """Noise whose variance, and a knob whose value, hang on a quantity that a run may find."""
+
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    integration_time: float = quantity("integration_time")
+    terms: int = param(8, at_least=1, fidelity=True, reference="8", settings=(1, 8))
+
+    def __post_init__(self) -> None:
+        if self.integration_time > 100:
+            raise ValueError("too long")
+
+    def variance(self, charge: float) -> Any:
+        return 2.0 * self.integration_time
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return 1e-3 / self.terms, "fitted"
+
+    def run(self, charge: Any, rng: Any) -> Any:
+        return {}
+
+
+@pytest.mark.parametrize("name", RAISED)
+def test_a_variance_that_breaks_off_or_is_no_number_names_itself(name):
+    with pytest.raises(PluginError, match=f"variance broke off.*{name}"):
+        asking.variance_of(spoilt(Hiss, "variance", raising(RAISED[name]))(integration_time=1.0), 10.0)
+    with pytest.raises(PluginError, match="a number from 0"):
+        asking.variance_of(spoilt(Hiss, "variance", lambda self, charge: "loud")(integration_time=1.0), 10.0)
+
+
+def test_what_a_run_finds_is_not_known_to_variance_and_stands_in_the_way_of_no_knob():
+    stage = asking.made(Hiss, {"integration_time": Found("integration_time", 1e-3, 1.0), "terms": 8})
+    assert asking.variance_of(stage, 10.0) is None
+    chosen, (one,) = choose(stage, ("terms",), 1e-2, lambda s: s.error(None, None, "float64"))
+    assert (chosen.terms, one.value, one.reference) == (1, 1, 8)

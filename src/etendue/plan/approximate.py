@@ -6,11 +6,11 @@ A knob lists its settings from the cheapest to the reference (``Parameter.settin
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Collection
 from typing import Any
 
 from etendue.errors import PluginError
+from etendue.plan.asking import made
 from etendue.plan.model import Approximated
 from etendue.spec.parameter import Parameter
 from etendue.spec.stage import Stage, parameters_of
@@ -91,6 +91,6 @@ def _with(stage: Stage, name: str, value: Any) -> Stage | None:
     if getattr(stage, name) == value:
         return stage
     try:
-        return dataclasses.replace(stage, **{name: value})
+        return made(type(stage), {**{one: getattr(stage, one) for one in parameters_of(type(stage))}, name: value})
     except (ValueError, PluginError):
         return None

@@ -143,6 +143,18 @@ def negligible(stage: Any, facts: Facts, grid: Grid) -> tuple[float, str] | None
     return float(found[0]), plain(found[1])
 
 
+def variance_of(stage: Any, charge: float) -> float | None:
+    """What a source of noise adds at a charge; None where what it depends on is found by a run, or where it refuses."""
+    with foreign(_name(stage, "variance")):
+        try:
+            found = stage.variance(charge)
+        except (NotKnown, ValueError):
+            return None
+    if not _is_number(found):
+        raise _nonsense(stage, "variance", found, "a number from 0")
+    return max(float(found), 0.0)
+
+
 def error_of(stage: Any, method: str, *given: Any) -> tuple[float | None, str]:
     """What ``error`` or ``segment_error`` states."""
     with foreign(_name(stage, method)):

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from etendue import effects
-from etendue.plan.asking import negligible
+from etendue.plan.asking import negligible, variance_of
 from etendue.plan.model import LeftOut
 from etendue.spec.capabilities import Bounded, Summed, Transfer
 from etendue.spec.facts import Facts
@@ -91,7 +91,8 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
     if facts.low is None or facts.high is None:
         return None
     low, high = max(facts.low, 0.0), max(facts.high, 0.0)
-    if low == 0 or stage.variance(low) > low:  # shot noise is always there, and this is more
+    own = variance_of(stage, low)
+    if low == 0 or own is None or own > low:  # shot noise is always there, and this is more
         return None
     every = noises()
     if every is None:
@@ -99,8 +100,11 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
     share = 0.0
     for step in range(LEVELS):
         level = low + (high - low) * (step / (LEVELS - 1)) ** 2
-        total = math.fsum(max(one.variance(level), 0.0) for one in every)
-        share = max(share, stage.variance(level) / total if total > 0 else 1.0)
+        parts = [variance_of(one, level) for one in every]
+        own, total = variance_of(stage, level), math.fsum(part or 0.0 for part in parts)
+        if own is None or None in parts:
+            return None
+        share = max(share, own / total if total > 0 else 1.0)
         if share > most:
             return None
     return LeftOut(share, "of the variance of any pixel it brings no more than this")

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from etendue import cache, scenes
-from etendue.plan.keys import code_digest, key_of, parameters_for_key
+from etendue.plan.keys import code_digest, key_of, parameters_for_key, version_of
 from etendue.scenes import light_of
 from etendue.spec.capabilities import Source
 from etendue.spec.facts import Spectrum
@@ -27,7 +27,8 @@ _KNOWN: dict[str, Spectrum | None] = {}
 def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | None, float]:
     """What the light of a scene holds, and the seconds spent on it now."""
     grid = sorted((name, repr(grid)) for name, grid in grids.items())
-    key = key_of({"form": FORM, "code": code_digest(type(source)), "parameters": parameters_for_key(source), "grid": grid})
+    code, versions = code_digest(type(source)), {name: version_of(name) for name in source.libraries}
+    key = key_of({"form": FORM, "code": code, "versions": versions, "parameters": parameters_for_key(source), "grid": grid})
     if key in _KNOWN:
         return _KNOWN[key], 0.0
     began = time.perf_counter()
