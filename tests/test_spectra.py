@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etendue import spectra
-from etendue.spectra import library
+from etendue.spectra import authority, library, shipped
 
 VISIBLE_5 = np.arange(380.0, 781.0, 5.0)
 VISIBLE_10 = np.arange(380.0, 781.0, 10.0)
@@ -75,12 +76,86 @@ def test_importing_spectra_and_asking_the_version_does_not_import_colour():
 def test_tables_load_without_any_warning_where_matplotlib_is_missing():
     done = run_python(
         "import sys; sys.modules['matplotlib'] = None\n"
-        "import etendue.spectra as s; s.illuminant('D65', [400, 500]); assert 'colour' in sys.modules",
+        "from etendue.spectra.authority import rows; rows('illuminant', 'D65'); assert 'colour' in sys.modules",
         "-W",
         "error",
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
+
+
+# --------------------------------------------------------------------------------------- what is shipped
+
+
+def test_every_shipped_table_is_that_of_the_library_to_the_last_bit():
+    import colour
+
+    assert str(shipped.arrays()[shipped.VERSION]) == spectra.colour_version()
+    held = {"illuminant": colour.SDS_ILLUMINANTS, "camera": colour.MSDS_CAMERA_SENSITIVITIES, "display": colour.MSDS_DISPLAY_PRIMARIES}
+    for kind, tables in held.items():
+        assert list(shipped.names(kind)) == list(tables)
+        for name in tables:
+            nodes, values = shipped.curve(kind, name)
+            assert nodes.tobytes() == tables[name].wavelengths.tobytes()
+            assert values.tobytes() == np.ascontiguousarray(tables[name].values).tobytes()
+    for name in authority.OBSERVERS:
+        assert shipped.curve("observer", name)[1].tobytes() == colour.MSDS_CMFS[name].values.tobytes()
+    for name in colour.RGB_COLOURSPACES:
+        own, its = shipped.space(name), colour.RGB_COLOURSPACES[name]
+        assert (own["matrix"].tobytes(), str(own["white_name"])) == (its.matrix_RGB_to_XYZ.tobytes(), its.whitepoint_name)
+        assert_array_equal(own["primaries"].ravel(), np.ravel(its.primaries))
+        assert_array_equal(own["white"], its.whitepoint)
+    whites = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]
+    assert {name: tuple(shipped.white(name)) for name in shipped.names("white")} == {name: tuple(whites[name]) for name in whites}
+    for name, matrix in colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS.items():
+        assert_array_equal(shipped.adaptation(name), matrix)
+
+
+def test_every_smooth_table_is_what_the_interpolator_of_the_library_gives():
+    import colour
+
+    smooth = {"patch": colour.SDS_COLOURCHECKERS[authority.COLORCHECKER], "smooth camera": colour.MSDS_CAMERA_SENSITIVITIES}
+    smooth["basis"] = {authority.BASIS: colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019}
+    for kind, tables in smooth.items():
+        assert list(shipped.names(kind)) == list(tables)
+        for name in tables:
+            nodes, values = shipped.curve(kind, name)
+            given = tables[name]
+            columns = np.asarray(given.values).reshape(len(given.wavelengths), -1).T
+            curves = [np.maximum(colour.SpragueInterpolator(given.wavelengths, column)(nodes), 0.0) for column in columns]
+            assert values.tobytes() == np.stack(curves, axis=-1).reshape(values.shape).tobytes()
+
+
+def test_the_shipped_file_is_what_the_command_makes_now():
+    data = (files("etendue") / "data" / "spectra.npz").read_bytes()
+    assert shipped.packed(shipped.made()) == data
+
+
+def test_where_another_version_of_the_library_is_installed_its_tables_are_taken_and_kept(tmp_path, monkeypatch):
+    """Keys hold the version that is installed, so the tables must be of that version too."""
+    theirs = dict(shipped.made())
+    theirs["illuminant/rows"] = 2.0 * theirs["illuminant/rows"]
+    asked = []
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
+    monkeypatch.setattr(authority, "colour_version", lambda: "9.9")
+    monkeypatch.setattr(shipped, "made", lambda: asked.append("made") or theirs)
+    original = shipped.arrays.__wrapped__
+    for _ in range(2):
+        assert_array_equal(original()["illuminant/rows"], theirs["illuminant/rows"])
+    assert asked == ["made"]
+    for kept in (tmp_path / "spectra").iterdir():
+        kept.write_bytes(kept.read_bytes()[:5000])
+    assert_array_equal(original()["illuminant/rows"], theirs["illuminant/rows"])
+    assert asked == ["made", "made"]
+
+
+def test_a_name_beyond_the_shipped_ones_is_asked_of_the_library(monkeypatch):
+    monkeypatch.setitem(shipped._places("illuminant"), "D65", None)
+    nodes, values = shipped.curve("illuminant", "D65")
+    monkeypatch.undo()
+    assert all(map(np.array_equal, (nodes, values), shipped.curve("illuminant", "D65")))
+    with pytest.raises(ValueError, match=r"unknown illuminant 'D66'; nearest names: .*'D65'"):
+        shipped.curve("illuminant", "D66")
 
 
 # ---------------------------------------------------------------------------------------------- bin means
@@ -430,6 +505,6 @@ def test_the_list_of_names_for_plans_is_that_of_the_library():
 def test_a_file_named_colour_beside_a_script_is_not_taken_for_the_library(tmp_path):
     """Python looks beside the script first; the library itself looks there for another package of its name."""
     (tmp_path / "colour.py").write_text("raise ImportError('the wrong one')\n")
-    (tmp_path / "script.py").write_text("from etendue import spectra\nprint(spectra.illuminant('D50', (500.0, 600.0)).shape)\n")
+    (tmp_path / "script.py").write_text("from etendue.spectra import authority\nprint(authority.rows('illuminant', 'D50').shape)\n")
     found = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=120, check=False)
-    assert found.stdout.strip() == "(1,)", found.stderr
+    assert found.stdout.strip() == "(97, 2)", found.stderr

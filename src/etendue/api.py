@@ -7,7 +7,7 @@ from etendue.errors import EtendueError, Fault, PluginError, RequestError
 from etendue.hookspecs import hookimpl
 from etendue.labelled import labelled
 from etendue.spec.camera import quantity
-from etendue.spec.capabilities import Banded, Bounded, Probe, Sampled, Source, Summed, Transfer, Viewed, moves_light
+from etendue.spec.capabilities import Banded, Bounded, Haloed, Probe, Sampled, Source, Summed, Transfer, Viewed, moves_light
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import ends
 from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
@@ -18,8 +18,8 @@ from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
     "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "Displaying", "EdgeScene", "EtendueError", "Facts", "Fault", "FlatScene",
-    "Grid", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Scaled", "Source", "Stage",
-    "Summed", "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param",
+    "Grid", "Haloed", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Scaled", "Source",
+    "Stage", "Summed", "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param",
     "proved", "quantity",
 ]  # fmt: skip
 

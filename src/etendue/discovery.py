@@ -7,6 +7,7 @@ Out: what stands under a name and who brought it. A manifest that is broken brin
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -23,9 +24,10 @@ from etendue.interrupts import is_ours
 from etendue.telling import here, said
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+    from importlib.metadata import Distribution, EntryPoint
 
 HOOKS = tuple(name.removeprefix("etendue_") for name in vars(hookspecs) if name.startswith("etendue_"))
+_LINE = re.compile(r"^(Name|Version):[ \t]*(\S+)[ \t]*$", re.MULTILINE)
 OWN = "etendue"  # looked at first: most names are its own
 _Form = TypeVar("_Form")
 
@@ -58,13 +60,22 @@ def foreign(what: str) -> Iterator[None]:
             os.chdir(folder)
 
 
+def named(distribution: Distribution) -> tuple[str, str]:
+    """Name and version of a distribution, '' where it has none: from the first lines of its metadata, which need not be parsed for it."""
+    head = (distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or "").partition("\n\n")[0]
+    found = dict(_LINE.findall(head))
+    if found.keys() >= {"Name", "Version"}:
+        return found["Name"].strip(), found["Version"].strip()
+    return distribution.metadata["Name"] or "", distribution.metadata["Version"] or ""
+
+
 class Discovery:
     """All vocabularies of some entry points. Built once per process by ``installed``; tests may build their own."""
 
     def __init__(self, points: Iterable[EntryPoint], former: Iterable[EntryPoint] = ()) -> None:
         known: dict[tuple[str, str], tuple[EntryPoint, str, str]] = {}
-        for point in points:  # a name and a version each parse all metadata of their distribution
-            name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "?")
+        for point in points:
+            name, version = named(point.dist) if point.dist else ("?", "?")
             known.setdefault((name, point.value), (point, name, version))  # a folder may stand twice on the path
         self.points = [point for point, _, _ in known.values()]
         self._known = sorted(known.values(), key=lambda one: (one[1] != OWN, one[1], one[0].value))

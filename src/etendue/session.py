@@ -24,7 +24,7 @@ from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
-from etendue.run.memory import keep_freed_memory
+from etendue.run.memory import keep_freed_memory, without_collecting
 from etendue.run.serial import run_serial
 from etendue.run.watch import Stop, watched
 from etendue.spec.pipeline import Pipeline, from_document, parse_pipeline, read_pipeline
@@ -44,6 +44,7 @@ class Options:
     batch_seconds: float = 0.1
     pictures: bool = True  # without an archive: whether a cell of every stage is drawn
     cell_timeout: float | None = None  # seconds after which a cell is stopped and has failed; processes and clusters only
+    restore: frozenset[str] | None = None  # of a repair: the names of cells of earlier runs that an archive must have too
 
 
 @dataclass
@@ -64,6 +65,8 @@ class Outcome:
     pruned: int = 0  # finished cells removed because it was asked for
     stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
     mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
+    moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, bytes of what was computed
+    restored: int = 0  # cells of earlier runs that were computed again because they were damaged
 
     @property
     def failed(self) -> list[CellReport]:
@@ -110,8 +113,9 @@ def execute(
     archive: str | Path | None = None,
     options: Options | None = None,
     progress: Progress | None = None,
+    into: Keeper | None = None,
 ) -> Outcome:
-    """Compute what a plan asks for and is not there yet.
+    """Compute what a plan asks for and is not there yet; ``into``: who takes the results, in the place of an archive.
 
     Raises
     ------
@@ -120,26 +124,33 @@ def execute(
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
-    from etendue.report import pictures, tables  # noqa: F401  # seconds of imports, while a signal may still end everything
+    from etendue.report import pictures, tables, thumbnails  # noqa: F401  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
         from etendue.archive import keeper  # noqa: F401
-    with interrupts.held():  # signals are answered where nothing is torn
-        return _execute(plan, archive, options, progress)
+    with interrupts.held(), without_collecting():  # signals are answered where nothing is torn
+        check_machine(plan, Path(archive) if archive is not None else None)
+        return _execute(plan, into or _keeper(archive, options), options, progress)
 
 
-def _execute(plan: Plan, archive: str | Path | None, options: Options, progress: Progress) -> Outcome:
-    check_machine(plan, Path(archive) if archive is not None else None)
-    from etendue.report import pictures, tables
+def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) -> Outcome:
+    from etendue.report import pictures, tables, thumbnails
 
     began, at = time.perf_counter(), where_shown(plan)
-    with _keeper(archive, options) as keeper:
+    with keeping as keeper:
         work = keeper.begin(plan)
         shown = {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
         show = frozenset(ref for ref in shown.values() if keeper.draws and ref in work.todo)
-        jobs = make_jobs(work.plan, work.todo, keeper.target, deliver_all=keeper.keeps_arrays, show=show)
+        place = keeper.place if options.scheduler in ("serial", "threads") else None
+        looks = thumbnails.looks(work.plan, shown.values()) if keeper.draws else {}
+        jobs = make_jobs(
+            work.plan, work.todo, keeper.target, deliver_all=keeper.keeps_arrays, show=show, place=place,
+            looks={ref: look.beside(keeper.keeps_arrays, work.plan.kept, ref[0]) for ref, look in looks.items()},
+        )  # fmt: skip
         reports: dict[CellRef, CellReport] = {}
         arrays: dict[CellRef, dict[str, Any]] = {}
+        small: dict[CellRef, dict[str, Any]] = {}
+        kept = work.plan.kept
 
         def before(batch: Batch) -> None:
             keeper.starting(job.ref for job in batch.jobs if job.task == "compute")
@@ -147,7 +158,10 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
 
         def after(batch: Batch, result: BatchResult) -> None:
             fresh = tuple(r for r in result.reports if r.status != "loaded")
-            arrays.update(keeper.finished(fresh, result.kept))
+            for ref, found in keeper.finished(fresh, result.kept).items():
+                look = looks.get(ref)
+                small[ref] = thumbnails.only(look(found)) if look else {}
+                arrays[ref] = {v: a for v, a in found.items() if v not in small[ref] or (keeper.keeps_arrays and (ref[0], v) in kept)}
             result.kept.clear()  # the scheduler holds on to its results; what is kept of them stands in its place now
             reports.update({(r.stage, r.index): r for r in fresh})
             progress.finished(fresh)
@@ -161,7 +175,7 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
         try:
             interrupts.check()
             deliver = frozenset(work.todo) if keeper.keeps_arrays else show
-            _run(partition(jobs, options.batch_seconds), deliver, before, after, options, stop)
+            _run(partition(jobs, options.batch_seconds), deliver, before, after, options, stop, keeper.mark)
         except KeyboardInterrupt:
             earlier = keeper.earlier(work.reused - set(reports))
             keeper.interrupted(tabled(), stop.abandoned)
@@ -172,15 +186,18 @@ def _execute(plan: Plan, archive: str | Path | None, options: Options, progress:
         there = [ref for ref in shown.values() if ref not in work.todo]
         sheet = None
         if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
-            sheet = pictures.sheet(work.plan, shown, {**keeper.stored(there), **arrays}, at)
+            small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
+            sheet = pictures.sheet(work.plan, shown, small, at)
         arrays.update(keeper.stored(there, figures_only=True))
         tree, files = keeper.close(tabled(), sheet, any(r.status == "failed" for r in reports.values()))
+    asked = set(work.cells.values())
+    restored = sum(ref not in asked and r.status in ("done", "left_out") for ref, r in reports.items()) if options.restore else 0
     reports.update({ref: replace(r, status="reused") for ref, r in earlier.items()})
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
         plan, {ref: _as_asked(reports[own], ref) for ref, own in work.cells.items() if own in reports},
         {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
         files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
-        work.mended,
+        work.mended, work.moved, restored,
     )  # fmt: skip
 
 
@@ -207,7 +224,7 @@ def collect(
         result.kept.clear()
         progress.finished(result.reports)
 
-    with interrupts.held():
+    with interrupts.held(), without_collecting():
         alone = replace(plan, kept=frozenset())
         jobs = make_jobs(alone, ancestry(alone, chosen), lambda cell: None, show=frozenset(chosen))
         progress.begin(len(jobs))
@@ -231,30 +248,30 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
     from etendue.archive.keeper import ArchiveKeeper
 
     return ArchiveKeeper(
-        Path(archive), options.scheduler, options.durable, options.recompute, options.accept_platform, options.prune
+        Path(archive), options.scheduler, options.durable, options.recompute, options.accept_platform, options.prune, options.restore
     )  # fmt: skip
 
 
-def _run(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options, stop: Stop) -> None:
+def _run(
+    batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None
+) -> None:
     from threadpoolctl import threadpool_limits
 
     keep_freed_memory()
-    if options.scheduler in ("serial", "threads") and any("colour-science" in j.stage.libraries for b in batches for j in b.jobs):
-        from etendue import spectra
-
-        spectra.load_library()  # a second of imports is not the run time of whichever stage comes first
     with threadpool_limits(1):  # the results must not depend on how many threads a library would like
         if options.scheduler == "serial":
             watched(lambda: run_serial(batches, deliver, before, after, stop), stop)
             return
+        from etendue.archive.provenance import platform_record
         from etendue.run.parallel import run_parallel
 
         workers = options.workers or os.cpu_count() or 1
-        watched(lambda: run_parallel(batches, deliver, before, after, options.scheduler, workers, stop, options.cell_timeout), stop)
+        how: Any = (options.scheduler, workers, stop, options.cell_timeout, platform_record, mark)
+        watched(lambda: run_parallel(batches, deliver, before, after, *how), stop)
 
 
 def check_scheduler(text: str) -> str:
-    names = ("serial", "threads", "processes")
+    names = ("serial", "threads", "processes", "distributed")
     if text not in names and not text.startswith(("tcp://", "tls://")):
         raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
     return text
@@ -284,7 +301,7 @@ def simulate(
     pipeline : path, TOML text, or mapping
     archive : folder to keep and resume, or None to stay in memory
     want : variables to compute, instead of the file's ``wanted``
-    scheduler, workers : ``serial``, ``threads``, ``processes`` or ``tcp://...``; threads or processes to use
+    scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
     leave_out : whether what the scene does not need may be left out
     **parameters : camera quantities by name, ``stage__parameter`` for others; a list makes a sweep axis
 

@@ -12,12 +12,17 @@ import sys
 import threading
 from pathlib import Path
 
+import google_crc32c
 import numpy as np
 import pytest
 import xarray
 
+from etendue.archive import chunks, finding
 from etendue.archive.journal import read_journal
+from etendue.archive.layout import cell_name
+from etendue.archive.reading import open_archive
 from etendue.errors import ArchiveError, ArchiveInUse
+from tests.archive.tiny import index_of, slots_of
 from tests.run.small import BARE, SWEEP, assert_same_archives, command, plan_of, run
 
 LOOK = """
@@ -116,15 +121,39 @@ def test_axes_are_those_that_reach_a_stage(tree):
     assert tree["adc/32x32/raw"].dtype == np.uint16
 
 
+def shards_of(folder):
+    """The shards of an array, by name, and how many chunks one has room for."""
+    slots = slots_of(json.loads((folder / "zarr.json").read_text()))
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.name != "zarr.json"}, slots
+
+
 def test_a_chunk_is_one_cell(whole, plan):
     for node in plan.nodes:
         for variable in node.writes:
             folders = [p for p in (whole / "data.zarr" / node.name).rglob(variable) if p.is_dir()]
             assert len(folders) == 1
-            assert sum(1 for p in folders[0].iterdir() if p.name != "zarr.json") == len(plan.of(node.name))
+            shards, slots = shards_of(folders[0])
+            assert len(shards) == 1  # the sweep is small
+            if slots:
+                assert sum(len(index_of(data, slots)) for data in shards.values()) == len(plan.of(node.name)) == slots
 
 
-def test_every_file_of_a_cell_is_in_the_journal(whole, plan):
+def test_every_chunk_of_a_cell_is_where_the_journal_says(whole, plan):
+    archive, seen = open_archive(whole), 0
+    assert set(archive.cells) == {cell_name(plan, ref) for ref in plan.cells}
+    for cell in archive.cells.values():
+        for chunk in cell.chunks:
+            place = archive.place(chunk)
+            with (whole / place.file).open("rb") as file:
+                file.seek(place.offset)
+                data = file.read(place.size)
+            assert (data[-4:], google_crc32c.value(data[:-4])) == (chunk.written.digest.to_bytes(4, "little"), chunk.written.digest)
+            seen += 1
+    assert seen == sum(len(node.writes) * len(plan.of(node.name)) for node in plan.nodes)
+    assert not list(archive.check())
+
+
+def test_every_shard_is_in_the_journal(whole, plan):
     named = {file.path for entry in read_journal(whole / "journal.jsonl").values() for file in entry.files}
     kept = {node.name for node in plan.nodes}
     on_disk = {
@@ -198,30 +227,80 @@ def test_it_resumes_where_it_was_copied_to(copy, plan):
     assert run(plan, copy).computed == 0
 
 
-def test_a_missing_chunk_is_computed_again_and_that_is_said(copy, whole, plan):
-    next((copy / "data.zarr/shot_noise/32x32/charge").glob("c.*")).unlink()
+def test_missing_chunks_are_computed_again_and_that_is_said(copy, whole, plan):
+    """The shard is gone, and its eight cells with it; or it was cut off in the last of them."""
+    path = next((copy / "data.zarr/shot_noise/32x32/charge").glob("c.*"))
+    data = path.read_bytes()
+    path.unlink()
     again = run(plan, copy)
     assert {r.stage for r in again.reports.values() if r.status == "done"} == {"shot_noise"}
+    assert again.computed == len(plan.of("shot_noise"))
+    assert again.reasons == {"shot_noise": f"{again.computed} stored cells are missing or damaged on disk"}
+    assert_same_archives(copy, whole)
+    path.write_bytes(path.read_bytes()[: max(at for at, _ in index_of(data, 8).values()) + 20])
+    again = run(plan, copy)
     assert again.computed == 1
     assert again.reasons == {"shot_noise": "1 stored cell is missing or damaged on disk"}
     assert_same_archives(copy, whole)
 
 
-def test_a_flipped_bit_is_found_on_reading_and_when_the_run_goes_on(copy, whole, plan):
-    path = copy / "data.zarr/pixel/32x32/photon_rate/c.1.1.0.0.0"
+def test_a_flipped_bit_of_a_cell_is_found_on_reading_and_damages_that_cell_alone(copy, whole, plan):
+    path = copy / "data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"
     data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 8
+    at, size = index_of(bytes(data), 4)[2]
+    data[at + size // 2] ^= 8
     path.write_bytes(data)
-    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree, pytest.raises(ValueError, match="checksum"):
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
+        for i, j in ((0, 0), (0, 1), (1, 1)):
+            tree["pixel/32x32/photon_rate"].isel(f_number=i, pixel_pitch=j).load()
+        with pytest.raises(ValueError, match="checksum"):
+            tree["pixel/32x32/photon_rate"].isel(f_number=1, pixel_pitch=0).load()
+    (damage,) = open_archive(copy).check()
+    assert damage.cell == "pixel f_number=5.6 pixel_pitch=2.0"
+    assert (damage.variable, damage.slot) == ("photon_rate", 2)
+
+
+@pytest.mark.parametrize("damage", ["flipped", "cut", "behind"])
+def test_a_damaged_index_costs_no_cell(copy, whole, plan, damage):
+    """The journal knows where every chunk lies."""
+    path = copy / "data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"
+    data = path.read_bytes()
+    flipped = bytearray(data)
+    flipped[-30] ^= 8
+    path.write_bytes({"flipped": bytes(flipped), "cut": data[:-50], "behind": data + b"more"}[damage])
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree, pytest.raises(ValueError, match=r".*"):
         tree["pixel/32x32/photon_rate"].load()
-    assert run(plan, copy).computed == 1
+    assert [d.path for d in open_archive(copy).check() if not d.cell] == ["data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"]
+    again = run(plan, copy)
+    assert again.computed == 0
+    assert again.mended == ["data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0 (its size or index)"]
     assert_same_archives(copy, whole)
+    assert not list(open_archive(copy).check())
+
+
+def test_a_run_that_has_nothing_to_do_writes_nothing_and_reads_no_chunk(copy, plan, monkeypatch):
+    def state():
+        return {p: (p.lstat().st_mtime_ns, p.lstat().st_ino) for p in copy.rglob("*")}
+
+    def refuse(*_):
+        raise AssertionError("a chunk is read")
+
+    before = state()
+    read_bytes = chunks.read_bytes
+    seen = []
+    monkeypatch.setattr(chunks, "read_bytes", lambda root, place: seen.append(place.size) or read_bytes(root, place))
+    monkeypatch.setattr(finding, "holds", refuse)
+    outcome = run(plan, copy)
+    assert (outcome.computed, outcome.mended) == (0, [])
+    assert max(seen) < 200  # figures without dims, for the table at the end
+    assert state() == before
 
 
 def test_a_torn_last_line_counts_as_absent(copy, whole, plan):
     journal = copy / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join(lines[:-1]) + lines[-1][: len(lines[-1]) // 2])
+    last = max(n for n, line in enumerate(lines) if b'"event":"done"' in line)
+    journal.write_bytes(b"".join(lines[:last]) + lines[last][: len(lines[last]) // 2])
     assert run(plan, copy).computed > 0
     assert_same_archives(copy, whole)
     assert all(json.loads(line) for line in journal.read_text().splitlines())
@@ -432,6 +511,32 @@ def test_another_platform_is_refused_and_nothing_changes(copy, plan, monkeypatch
         run(plan, copy)
     assert contents(copy) == before
     assert run(plan, copy, accept_platform=True).computed == 0
+
+
+def test_cells_of_an_accepted_platform_stay_and_are_marked(copy, monkeypatch):
+    """Keys of random stages, and of what reads them, name the versions of libraries: nothing of them is computed again."""
+    from etendue.archive import provenance
+    from etendue.plan import recipes
+
+    def version_of(name):
+        return "99.1" if name == "numpy" else versions(name)
+
+    versions = recipes.version_of
+    monkeypatch.setattr(recipes, "version_of", version_of)
+    monkeypatch.setattr(provenance, "version_of", version_of)
+    plan = plan_of(SWEEP)
+    arrays = shards_of(copy / "data.zarr/adc/32x32/raw")
+    assert run(plan, copy, accept_platform=True).computed == 0
+    assert shards_of(copy / "data.zarr/adc/32x32/raw") == arrays
+    assert run(plan, copy).computed == 0  # accepted once
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
+        assert all(f"numpy {versions('numpy')}" in text for text in tree["ledger/platform"].values.tolist())
+    grown = {**SWEEP, "sweep.f_number": [2, 5.6, 8]}
+    run(plan_of(grown), copy)
+    with xarray.open_datatree(copy / "data.zarr", engine="zarr", chunks=None) as tree:
+        fresh = tree["ledger/at_f_number"].values == 8
+        assert fresh.any()
+        assert [text == "" for text in tree["ledger/platform"].values.tolist()] == fresh.tolist()
 
 
 def test_an_archive_in_use_is_refused(copy, plan):

@@ -134,8 +134,8 @@ def changed(archive, path, change):
 
 WORDS = {
     "dtype": lambda d: d.update(data_type="float64"),
-    "endianness": lambda d: d["codecs"][0]["configuration"].update(endian="big"),
-    "codecs": lambda d: d.update(codecs=d["codecs"][:2]),
+    "endianness": lambda d: d["codecs"][0]["configuration"]["codecs"][0]["configuration"].update(endian="big"),
+    "codecs": lambda d: d["codecs"][0]["configuration"].update(codecs=d["codecs"][0]["configuration"]["codecs"][:1]),
     "chunk grid": lambda d: d["chunk_grid"]["configuration"].update(chunk_shape=[2, 1, 1, 1]),
     "chunk key encoding": lambda d: d["chunk_key_encoding"]["configuration"].update(separator="/"),
     "shape": lambda d: d["shape"].__setitem__(0, 1),

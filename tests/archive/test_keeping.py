@@ -27,7 +27,8 @@ def run(plan, archive, **options):
 
 
 def chunks(archive, path):
-    return {p.name: p.read_bytes() for p in (archive / "data.zarr" / path).glob("c.*")}
+    """The chunks of an array, by shard and slot."""
+    return {name: data for name, data in store_of(archive).items() if name.startswith(f"{path}/c.")}
 
 
 def test_what_keep_no_longer_names_stays_while_it_is_right(copy, whole, place):
@@ -221,7 +222,10 @@ def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_
     assert done[0] < done[-1] == len(plan.cells)
     assert {document["planned"] for document in seen} == {len(plan.cells)}
     assert all(document["running"] for document in seen)
+    assert all(document["rate"] > 0 for document in seen)
+    assert seen[0]["left"] > seen[-1]["left"] == 0
     out = capsys.readouterr().out
+    assert " cells/s since it began, about " in out
     assert f"cells 1 of {len(plan.cells)} that the last run was asked for ({100 // len(plan.cells)} %)" in out
     assert f"cells {len(plan.cells)} of {len(plan.cells)}" in out
     # another parameter: what is reused counts, what is computed again does not until it is
@@ -233,3 +237,19 @@ def test_show_says_how_much_of_all_is_done_while_a_run_goes_on(place, plan, tmp_
     document = json.loads(json.dumps(describe_archive(tmp_path / "a")))
     assert [stage["name"] for stage in document["stages"]] == [node.name for node in plan.nodes]
     assert (document["finished"], document["planned"], document["running"]) == (len(plan.cells), len(plan.cells), False)
+    assert (document["rate"], document["left"]) == (None, None)
+
+
+def test_the_time_that_is_left_follows_what_cells_of_each_stage_have_taken():
+    import time
+
+    from etendue.archive.describe import _pace
+    from etendue.archive.journal import Entry, Going, Read
+
+    took = {"scene []": 4.0, "pixel [0]": 0.25, "pixel [1]": 0.75}  # 5 s; 8 more pixels of 0.5 s are left
+    entries = {cell: Entry("done", "", seconds=seconds) for cell, seconds in took.items()}
+    read = Read(entries, run=Going({"scene": 1, "pixel": 12}, {"scene": 1, "pixel": 10}, set(took)))
+    pace = _pace(read, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(time.time() - 100)))
+    assert pace["rate"] == pytest.approx(3 / 100, rel=0.05)  # the record holds whole seconds
+    assert pace["left"] == pytest.approx(100 * 4 / 5, rel=0.05)
+    assert _pace(read, "yesterday") == {"rate": None, "left": None}

@@ -9,7 +9,8 @@ import time
 import pytest
 
 from etendue.archive import disk
-from etendue.archive.chunks import CellFiles, ChunkFile
+from etendue.archive.chunks import CellFiles, Chunk
+from etendue.archive.parts import PARTS
 from etendue.cli import main
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.session import Options, execute
@@ -80,7 +81,7 @@ def test_a_second_name_of_a_file_outside_keeps_its_bytes(whole, plan, tmp_path):
     shutil.copytree(whole, tmp_path / "a", copy_function=os.link)
     before = state(whole)
     with pytest.raises(ArchiveError, match=r"journal\.jsonl has a second name"):
-        execute(plan, tmp_path / "a", Options("serial"))
+        execute(plan, tmp_path / "a", Options("serial", recompute=True))
     shutil.copy2(tmp_path / "a/journal.jsonl", tmp_path / "own")
     os.replace(tmp_path / "own", tmp_path / "a/journal.jsonl")
     execute(plan, tmp_path / "a", Options("serial", recompute=True))
@@ -95,8 +96,10 @@ def test_a_link_put_there_in_the_middle_of_a_run_is_not_followed(tmp_path, where
     (tmp_path / "a/run.id").write_text("mine")
     import numpy as np
 
-    files = CellFiles(str(tmp_path / "a"), "mine", (ChunkFile("v", "data.zarr/g/a/c.0", "float64", (2,)),))
+    files = CellFiles(str(tmp_path / "a"), "mine", (Chunk("v", "data.zarr/g/a/c.0", 0, 1, "float64", (2,)),))
     files.write({"v": np.zeros(2)})
+    files.settle()
+    PARTS.close(files.root)  # what is open already leads where it led
     shutil.move(tmp_path / "a" / where, tmp_path / "outside")
     (tmp_path / "a" / where).symlink_to(tmp_path / "outside")
     before = state(tmp_path / "outside")

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from math import prod
 from pathlib import Path
 from typing import Any
+
+import google_crc32c
+import numpy as np
 
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
@@ -54,7 +59,33 @@ def tiny_plan(folder: Path, overrides: dict[str, Any] | None = None) -> Plan:
 
 
 def store_of(archive: Path) -> dict[str, bytes]:
-    """Every file of the store but measured times: what must be equal, to the last byte."""
+    """Every file of the store but measured times: what must be equal, to the last byte.
+
+    Of a shard every chunk by its slot, as its index names it: the order in which chunks lie is the order in which cells ended.
+    """
     root = archive / "data.zarr"
     found = {p.relative_to(root).as_posix(): p.read_bytes() for p in root.rglob("*") if p.is_file()}
-    return {path: data for path, data in found.items() if not path.startswith(MEASURED)}
+    found = {path: data for path, data in found.items() if not path.startswith(MEASURED)}
+    for path in [path for path in found if path.split("/")[-1].startswith("c.") and "/c/" not in path]:
+        slots = slots_of(json.loads(found[path.rpartition("/")[0] + "/zarr.json"]))
+        if slots:
+            data = found.pop(path)
+            found |= {f"{path}#{slot}": data[at : at + size] for slot, (at, size) in index_of(data, slots).items()}
+    return found
+
+
+def slots_of(metadata: dict[str, Any]) -> int:
+    """How many chunks a shard of an array has room for; 0: it has no shards."""
+    codec = metadata["codecs"][0]
+    if codec["name"] != "sharding_indexed":
+        return 0
+    return prod(
+        a // b for a, b in zip(metadata["chunk_grid"]["configuration"]["chunk_shape"], codec["configuration"]["chunk_shape"], strict=True)
+    )
+
+
+def index_of(shard: bytes, slots: int) -> dict[int, tuple[int, int]]:
+    """Offset and size by slot, from the bytes of a shard."""
+    index = np.frombuffer(shard[-16 * slots - 4 : -4], "<u8").reshape(slots, 2)
+    assert google_crc32c.value(shard[-16 * slots - 4 : -4]).to_bytes(4, "little") == shard[-4:]
+    return {slot: (int(at), int(size)) for slot, (at, size) in enumerate(index) if at != 2**64 - 1}

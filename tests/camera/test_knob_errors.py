@@ -147,8 +147,8 @@ def leaves_oversampling(random):
 def crosstalk_kernels(random):
     edges, light = tuple(np.linspace(400.0, 700.0, 7)), scene(random, light_on(random, bands=1))[0]
     stage = LOAD("crosstalk")(
-        crosstalk="through_filter", peak_qe=QE, pixel_pitch=float(10 ** random.uniform(0, 0.8)),
-        beyond=float(random.choice([1e-2, 1e-3, 1e-5])), depletion_depth=float(10 ** random.uniform(-0.5, 0.5)),
+        crosstalk="through_filter", peak_qe=QE, pixel_pitch=float(10 ** random.uniform(0, 1.4)),
+        beyond=float(random.choice([0.1, 0.03, 1e-2, 1e-3, 1e-5])), depletion_depth=float(10 ** random.uniform(-0.5, 0.5)),
         diffusion_depth=float(10 ** random.uniform(0, 2)), diffusion_length=float(10 ** random.uniform(0.5, 3)),
     )  # fmt: skip
     photons, tables = electrons_per_irradiance(stage, edges), tables_of(stage, edges)
@@ -185,7 +185,7 @@ def wavelength_terms(random):
 KNOBS = {
     "diffusion.nodes": (diffusion_nodes, 4, 100), "lens_psf.nodes": (lens_psf_nodes, 6, 100), "distortion": (distortion_spline, 8, 200),
     "wavefront.pupil_samples": (wavefront_samples, 3, 60), "dead_leaves.oversampling": (leaves_oversampling, 3, 60),
-    "crosstalk.beyond": (crosstalk_kernels, 4, 100), "pixel.wavelength_terms": (wavelength_terms, 8, 200),
+    "crosstalk.beyond": (crosstalk_kernels, 8, 100), "pixel.wavelength_terms": (wavelength_terms, 8, 200),
 }  # fmt: skip
 
 

@@ -112,6 +112,14 @@ def test_planning_imports_no_scheduler_no_archive_and_no_colour_science(file, tm
     assert not modules & {"dask", "zarr", "colour", "xarray", "matplotlib", "etendue.session", "etendue.run.parallel"}
 
 
+def test_a_run_with_nothing_to_do_imports_no_scheduler_and_nothing_of_kernels(file, tmp_path):
+    for _ in range(2):
+        code, modules = imported(["run", file, "--archive", "kept"], tmp_path)
+    assert code == 0
+    assert "etendue.archive.keeper" in modules
+    assert not modules & {"dask", "colour", "xarray", "pandas", "matplotlib", "PIL", "scipy.fft", "scipy.special", "scipy.ndimage"}
+
+
 # -- documents --------------------------------------------------------------------------------------------
 
 STAGE_FIELDS = {"name", "use", "distribution", "axes", "cells", "left_out", "bytes", "seconds"}

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Line, Noisy, Sampled, Source, Stage, Transfer, param
+from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Haloed, Line, Noisy, Sampled, Source, Stage, Transfer, param
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,6 +327,22 @@ class DrawingMean(Sound, Sampled):
 
     def mean(self, charge, rng):
         return {"charge": charge}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShortHalo(Sound, Haloed):
+    """Reaches two rows far and speaks of one."""
+
+    gain: ClassVar = None
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge + np.roll(charge, 2, axis=0)}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return Facts()
+
+    def halo(self) -> int:
+        return 1
 
 
 @dataclass(frozen=True, kw_only=True)

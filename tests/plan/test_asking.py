@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any, ClassVar
 
 import pytest
@@ -20,6 +20,7 @@ from etendue.registry import Registry
 from etendue.spec.capabilities import check_class
 from etendue.spec.found import Found
 from etendue.spec.pipeline import parse_pipeline
+from tests.distributions import distribution
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
 GRID = Grid.of({"wavelength": Bands((400.0, 700.0)), "y": Line(8), "x": Line(9)})
@@ -52,7 +53,7 @@ class Filter(Bounded):
 class Point:
     """An entry point of bad-light 1.0, whose manifest has these stages."""
 
-    name, value, dist = "bad-light", "bad_light", SimpleNamespace(name="bad-light", version="1.0")
+    name, value, dist = "bad-light", "bad_light", distribution("bad-light")
 
     def __init__(self, stages: dict[str, Any]) -> None:
         self.manifest = ModuleType("bad_light")

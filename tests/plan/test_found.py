@@ -19,6 +19,7 @@ from etendue.run.segments import Result
 from etendue.spec.found import Found, NotKnown
 from etendue.spec.grid import Bands, Grid, Line
 from etendue.spec.pipeline import parse_pipeline
+from tests.distributions import distribution
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
 GRID = Grid.of({"wavelength": Bands((500.0, 510.0)), "y": Line(6, 0.0, 1.0), "x": Line(8, 0.0, 1.0)})
@@ -95,7 +96,7 @@ class Sized(Dimmer):
 def registry(**stages):
     manifest = ModuleType("finding")
     manifest.etendue_stages = hookimpl(lambda: stages)
-    point = SimpleNamespace(name="finding", value="finding", dist=SimpleNamespace(name="finding", version="1.0"), load=lambda: manifest)
+    point = SimpleNamespace(name="finding", value="finding", dist=distribution("finding"), load=lambda: manifest)
     return Registry(Discovery([point]))
 
 

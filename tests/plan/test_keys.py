@@ -1,6 +1,7 @@
 """Equal recipe, equal key; whatever can change a result changes the key, and nothing else does."""
 
 import math
+import os
 import shutil
 from contextlib import contextmanager
 
@@ -9,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import etendue
+from etendue.plan import code as code_of
 from etendue.plan import keys
 from etendue.registry import installed_stages
 from etendue.spec.parameter import MISSING
@@ -182,16 +184,16 @@ def test_a_file_that_is_overwritten_between_two_runs_of_one_process_is_read_agai
 def code(tmp_path_factory):
     """A copy of the package that a test may edit: its folder, a way to the digests of all built-in stages, and those unedited."""
     package = tmp_path_factory.mktemp("code") / "etendue"
-    shutil.copytree(keys.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-    caches = [f for f in vars(keys).values() if hasattr(f, "cache_clear")]
+    shutil.copytree(code_of.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    caches = [f for f in vars(code_of).values() if hasattr(f, "cache_clear")]
 
     def digests():
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(keys, "PACKAGE", package)
+            patch.setattr(code_of, "PACKAGE", package)
             for cached in caches:
                 cached.cache_clear()
             try:
-                return {name: keys.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+                return {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
             finally:
                 for cached in caches:
                     cached.cache_clear()
@@ -262,10 +264,33 @@ def test_an_edited_report_or_engine_changes_no_key(code):
         assert digests() == before
 
 
+def test_what_is_kept_of_a_file_between_runs_is_forgotten_with_it(code, tmp_path, monkeypatch):
+    """Also of one that was edited to the same size and given its old time: not every editor is honest about time."""
+    package, digests, before = code
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
+    edited = package / "physics/mosaic/bilinear.py"
+    text, state = edited.read_text(), edited.stat()
+    monkeypatch.setattr(code_of, "SETTLED", 0.0)  # other tests have edited files just now
+    assert digests() == before  # found, and kept
+    reads = []
+    monkeypatch.setattr(code_of, "_read", lambda path, read=code_of._read: reads.append(path.name) or read(path))
+    assert digests() == before and reads == []
+    edited.write_text(text.replace("mean", "neam", 1))
+    os.utime(edited, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert edited.stat().st_size == state.st_size
+    after = digests()
+    assert {name for name in BUILT_IN if before[name] != after[name]} >= MODULES["reconstruct"] and set(reads) == {"bilinear.py"}
+    edited.write_text(text)
+    assert digests() == before
+    for kept in (tmp_path / "code").iterdir():
+        kept.write_bytes(kept.read_bytes()[:-9])
+    assert digests() == before
+
+
 def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
     copied = code[2]
     assert len(set(copied.values())) > 5
-    assert copied == {name: keys.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+    assert copied == {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
 
 
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -276,8 +301,8 @@ def test_any_edit_of_any_file_changes_a_plugin(tmp_path, text):
     root.mkdir(exist_ok=True)
     (root / "__init__.py").write_text("one = 1\n")
     (root / "table.csv").write_text("1,2\n")
-    keys._tree_digest.cache_clear()
-    before = keys._tree_digest(str(root))
+    code_of._tree_digest.cache_clear()
+    before = code_of._tree_digest(str(root))
     (root / "table.csv").write_text("1,2\n" + text + "!")
-    keys._tree_digest.cache_clear()
-    assert keys._tree_digest(str(root)) != before
+    code_of._tree_digest.cache_clear()
+    assert code_of._tree_digest(str(root)) != before

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from etendue.report.pictures import _map
+from etendue.report.thumbnails import mapped
 from etendue.spec.variables import Variable
 
 PLANE = np.array([[1.0, 10.0, 100.0], [np.nan, np.inf, 0.0]])
@@ -20,10 +20,10 @@ PLANE = np.array([[1.0, 10.0, 100.0], [np.nan, np.inf, 0.0]])
     ],
 )
 def test_grey_goes_from_one_end_to_the_other_and_what_is_undefined_is_black(words, grey):
-    found = _map(PLANE, Variable(shown="map", **words))
+    found = mapped(PLANE, Variable(shown="map", **words))
     np.testing.assert_allclose(found, [grey] * 3, rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("plane", [np.full((2, 3), 7.0), np.full((2, 3), np.nan)])
 def test_a_map_without_ends_is_of_one_grey(plane):
-    assert np.ptp(_map(plane, Variable(shown="map"))) == 0
+    assert np.ptp(mapped(plane, Variable(shown="map"))) == 0

@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import random
 import shutil
+import subprocess
+import sys
 from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -198,3 +201,12 @@ def test_a_cluster_gives_the_same_bits_in_memory_and_in_an_archive(tmp_path):
         run(plan, tmp_path / "there", scheduler=address, batch_seconds=0.0)
     assert_same_arrays(by_labels(plan, there.arrays), by_labels(plan, run(plan).arrays))
     assert_same_archives(tmp_path / "there", tmp_path / "here")
+
+
+@pytest.mark.long
+def test_workers_of_a_cluster_give_one_digest_per_array_whatever_their_number_kills_and_hash_seeds():
+    pytest.importorskip("distributed")
+    pytest.importorskip("cryptography")
+    driver = Path(__file__).parents[2] / "benchmarks" / "identity.py"
+    done = subprocess.run([sys.executable, str(driver), "--only", "distributed"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -12,6 +12,7 @@ from etendue.discovery import Discovery, installed
 from etendue.errors import RequestError
 from etendue.hookspecs import GROUP
 from etendue.plan.planner import make_plan
+from etendue.plan.recipes import Recipes
 from etendue.registry import Registry
 from etendue.run.otf import Otf
 from etendue.session import load
@@ -115,10 +116,10 @@ def test_a_library_behind_a_looked_at_stage_is_part_of_the_key(monkeypatch):
     before = plan_of(tail="parts").of("parts")[0].key
     for library in ("colour-science", "numpy", "scipy"):
         with monkeypatch.context() as patched:
-            patched.setattr("etendue.plan.cells.version_of", lambda name, library=library: "another" if name == library else "this")
+            patched.setattr("etendue.plan.recipes.version_of", lambda name, library=library: "another" if name == library else "this")
             assert plan_of(tail="parts").of("parts")[0].key != before
             one = plan_of(tail="parts").of("parts")[0].key
-            patched.setattr("etendue.plan.cells.version_of", lambda name: "this")
+            patched.setattr("etendue.plan.recipes.version_of", lambda name: "this")
             assert plan_of(tail="parts").of("parts")[0].key != one
 
 
@@ -150,6 +151,12 @@ def test_a_probe_of_two_variables_has_all_their_stages_in_order_and_their_grids(
     assert_allclose(step, 2.6, rtol=1e-6)
 
 
+def seen_by(plan, alternative, cell):
+    """What stands in the key of a cell of the transfer functions that it looks at, stage by stage."""
+    recipes = Recipes(plan.cells, {node.name: node for node in plan.nodes}, 0, False, {})
+    return recipes.looked_at(alternative, "transfers", [plan.cells[ref] for ref in dict(cell.looks_at)["transfers"]])[0]
+
+
 def test_alternatives_may_differ_in_what_they_look_at():
     """`denoise` reads the picture alone, `restore` the transfer functions too; each is keyed by what it reads."""
     sweep = {"sweep.sharpen.use": ["denoise", "restore"]}
@@ -157,9 +164,8 @@ def test_alternatives_may_differ_in_what_they_look_at():
     looked = [dict(cell.looks_at) for cell in plan.of("sharpen")]
     assert looked[0] == {}
     assert [ref[0] for ref in looked[1]["transfers"]] == ["diffraction", "diffusion", "pixel"]
-    mine, its = ([cell.key_fields["inputs"].get("transfers") for cell in p.of("sharpen")] for p in (plan, other))
-    assert mine[0] is None is its[0]
-    assert [a == b for a, b in zip(mine[1], its[1], strict=True)] == [True, False, True]
+    mine, its = (seen_by(p, p.node("sharpen").alternatives[1], p.of("sharpen")[1]) for p in (plan, other))
+    assert [a == b for a, b in zip(mine, its, strict=True)] == [True, False, True]
     assert len(of(plan, arrays_of(plan), "sharpen", "rgb_camera")) == 2
 
 

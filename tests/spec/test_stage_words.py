@@ -36,7 +36,10 @@ def test_a_method_of_a_capability_without_its_base_is_refused_with_the_base(name
         check_class(able)
 
 
-@pytest.mark.parametrize("name", METHODS)
+OWED = [name for name in METHODS if getattr(getattr(CAPABILITIES[name], name), "__isabstractmethod__", False)]
+
+
+@pytest.mark.parametrize("name", OWED)
 def test_a_capability_without_its_method_is_refused_by_name(name):
     with pytest.raises(TypeError, match=f"Lame has no .*{name}"):
         check_class(type("Lame", (CAPABILITIES[name],), {"run": lambda self: {}}))

@@ -1,6 +1,6 @@
 """What several distributions bring under one name, or wrongly, is a fault of the pipeline that uses it; of no other."""
 
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import pytest
 
@@ -13,6 +13,7 @@ from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.spec import camera, presets, variables
 from etendue.spec.pipeline import from_document
+from tests.distributions import distribution as made_up
 
 
 class Point:
@@ -20,7 +21,7 @@ class Point:
 
     def __init__(self, distribution, what, value):
         self.name, self.value = distribution, distribution.replace("-", "_")
-        self.dist = SimpleNamespace(name=distribution, version="1.0")
+        self.dist = made_up(distribution)
         self.manifest = ModuleType(self.value)
         setattr(self.manifest, f"etendue_{what}", hookimpl(lambda: value))
 

@@ -37,6 +37,16 @@ def test_the_order_of_a_power_law_is_found(order, size, counts):
     assert found.order == pytest.approx(order, rel=1e-9)
 
 
+@given(st.floats(0.5, 6), st.booleans())
+def test_the_order_of_a_power_law_is_found_beside_a_finite_reference(order, counts):
+    """Of differences to a setting that itself errs by as power a law; in plain slopes the last order would be too high by half of it."""
+    widths = np.array([32.0, 16.0, 8.0, 4.0, 2.0])
+    settings_, last = (1 / widths, 1.0) if counts else (widths, 1.0)
+    errors = 0.09 * (widths**order - 1) / (32**order - 1)
+    found = convergence([*map(float, settings_)], [*errors], reference=last)
+    assert found.order == pytest.approx(order, rel=1e-6)
+
+
 def test_an_expansion_that_converges_by_a_factor_a_term_is_called_so():
     terms = [3, 4, 5, 6, 8, 10]
     found = convergence(terms, [0.05 * math.exp(-1.5 * n) for n in terms])

@@ -668,8 +668,8 @@ def test_behind_a_lens_with_a_parameter_named_weights_the_edge_has_its_figures(t
 
 
 def test_crops_and_plot_say_which_alternatives_they_do_not_show(tmp_path):
-    rows = [Row(n, f"s{n}", psnr=40.0 - n, seconds_per_mpixel=1.0, position=n) for n in range(ranking.MOST_CROPS + 2)]
-    rows[0].psnr = math.inf
+    rows = [Row(n, f"s{n}", psnr=40.0 - n, error=0.01, seconds_per_mpixel=1.0, position=n) for n in range(ranking.MOST_CROPS + 2)]
+    rows[0].psnr, rows[0].error = math.inf, 0.0
     picture = np.linspace(0, 1, 3 * 24 * 24).reshape(3, 24, 24)
     pictures = {row.position: picture * (1 - 0.01 * row.position) for row in rows}
     place = ("demosaic", "rgb_camera")

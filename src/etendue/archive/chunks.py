@@ -1,14 +1,16 @@
-"""The direct chunk writer: the same bytes zarr would write, encoded and renamed by the worker that made them.
+"""Chunks: the bytes zarr would write for them, encoded, checksummed and appended by the worker that made them.
 
-zarr-python sends every write through one event loop; 4.1 ms a chunk became 1.7 ms on two threads. A test holds the
-bytes equal to those of zarr's own API.
+In:  arrays of one cell; where its chunks belong.
+Out: where they were put (``Written``); arrays read back. A test holds the bytes equal to those of zarr's own API.
+
+zarr-python sends every write through one event loop and rewrites a shard for each chunk of it; here a chunk costs its checksum
+and one write.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,88 +18,128 @@ import google_crc32c
 import numpy as np
 from numcodecs import blosc
 
-from etendue.archive import disk
-from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.archive.parts import PARTS
+from etendue.archive.shards import Place, fits, part_path, read_bytes, read_index
+from etendue.errors import ArchiveError
 from etendue.spec.ports import Written
 
 blosc.use_threads = False  # the bits and the time of a chunk must not depend on the threads around it
 CODEC, LEVEL = "lz4", 5
+RAW = "raw"  # the kinds of a chunk: CODEC, or as it is in memory
 
 
-def encode(array: Any) -> bytes:
-    """One chunk: little-endian bytes, blosc (lz4, bitshuffle), crc32c."""
-    array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    body = blosc.compress(array.reshape(-1), CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.dtype.itemsize)
-    return bytes(body) + int(google_crc32c.value(bytes(body))).to_bytes(4, "little")
+def pieces_of(array: Any, codec: str = CODEC) -> tuple[Any, bytes]:
+    """The body of a chunk (little-endian bytes, blosc with bitshuffle unless raw) and the crc32c behind it."""
+    array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).reshape(-1)
+    body: Any = array.view(np.uint8) if codec == RAW else blosc.compress(array, CODEC.encode(), LEVEL, blosc.BITSHUFFLE, 0, array.itemsize)
+    if codec == RAW:
+        body.flags.writeable = False  # of this view alone; what is read only needs no copy
+    return body, int(google_crc32c.value(body)).to_bytes(4, "little")
 
 
-def decode(data: bytes, dtype: str, shape: tuple[int, ...]) -> Any:
-    """The array of one chunk; raises ``ArchiveError`` where the checksum does not fit."""
+def encode(array: Any, codec: str = CODEC) -> bytes:
+    """One chunk."""
+    body, checksum = pieces_of(array, codec)
+    return bytes(body) + checksum
+
+
+def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) -> Any:
+    """The array of one chunk; raises ``ArchiveError`` where the checksum or the size does not fit."""
     body, checksum = data[:-4], data[-4:]
-    if len(data) < 20 or np.uint32(google_crc32c.value(body)).astype("<u4").tobytes() != checksum:
+    if len(data) < 4 or int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
         raise ArchiveError("the stored bytes do not fit their checksum")
-    return np.frombuffer(blosc.decompress(body), dtype=np.dtype(dtype).newbyteorder("<")).astype(dtype, copy=False).reshape(shape)
-
-
-def digest_of(data: bytes) -> str:
-    return hashlib.blake2b(data, digest_size=16).hexdigest()
+    little = np.dtype(dtype).newbyteorder("<")
+    try:
+        array = np.frombuffer(body if codec == RAW else blosc.decompress(body), dtype=little)
+        return array.astype(dtype, copy=False).reshape(shape)
+    except (RuntimeError, ValueError) as error:
+        raise ArchiveError(f"the stored bytes are no array of {dtype} {shape}: {error}") from None
 
 
 @dataclass(frozen=True)
-class ChunkFile:
-    """One chunk of one variable: its path below the archive, and which band of it, if it is stored by band."""
+class Chunk:
+    """One chunk of one variable: its slot in a shard, and which band of the variable, if it is stored by band.
+
+    ``slots`` of the shard: 0 for a file that is the chunk itself.
+    """
 
     variable: str
     path: str
+    slot: int
+    slots: int
     dtype: str
     shape: tuple[int, ...]
+    codec: str = CODEC
     band: int | None = None
 
 
 @dataclass(frozen=True)
 class CellFiles:
-    """The chunk files of one cell. Travels with the job; knows nothing of the plan."""
+    """The chunks of one cell. Travels with the job; knows nothing of the plan."""
 
     root: str
     run_id: str
-    chunks: tuple[ChunkFile, ...]
+    chunks: tuple[Chunk, ...]
     durable: bool = False
     held: tuple[Written, ...] = ()  # chunks that are stored and right: they stay as they are
+    places: dict[tuple[str, int], tuple[Written, Place | None]] = field(default_factory=dict)  # by shard and slot; None: in its part
 
     def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
-        """Write every chunk beside its place and rename it there."""
-        try:
-            owner = (Path(self.root) / "run.id").read_bytes()
-        except FileNotFoundError:
-            owner = b""
-        if owner != self.run_id.encode():
-            raise ArchiveInUse(f"{self.root} belongs to another run now; this one stops")
+        """Append every chunk to this process's part of its shard."""
         written = list(self.held)
-        there = {file.path for file in self.held}
+        there = {(file.path, file.slot) for file in self.held}
         for chunk in self.chunks:
-            if chunk.path in there:
+            if (chunk.path, chunk.slot) in there:
                 continue
             array = arrays[chunk.variable]
-            data = encode(array if chunk.band is None else array[chunk.band])
-            disk.write(self.root, chunk.path, data, self.durable)
-            written.append(Written(chunk.path, len(data), digest_of(data)))
+            body, checksum = pieces_of(array if chunk.band is None else array[chunk.band], chunk.codec)
+            size = len(body) + 4
+            part, offset = PARTS.append(self.root, self.run_id, chunk.path, (body, checksum), size, self.durable)
+            one = Written(chunk.path, chunk.slot, part, offset, size, int.from_bytes(checksum, "little"))
+            self.places[chunk.path, chunk.slot] = one, None
+            written.append(one)
         return tuple(written)
+
+    def settle(self) -> None:
+        """What the cells of a batch have written stands in its files."""
+        PARTS.settle(self.root, self.run_id)
 
     def read(self, variable: str) -> Any:
         """The array of one variable, checked against its checksum."""
         parts = []
         for chunk in self.chunks:
             if chunk.variable == variable:
-                data = (Path(self.root) / chunk.path).read_bytes()
-                try:
-                    parts.append(decode(data, chunk.dtype, chunk.shape))
-                except (ArchiveError, RuntimeError, ValueError) as error:
-                    raise ArchiveError(f"{chunk.path}: {error}") from None
+                parts.append(self._read(chunk))
                 if chunk.band is None:
                     return np.array(parts[0])
         return np.stack(parts)
 
     def read_band(self, variable: str, band: int) -> Any:
         """One band of a variable that is stored by band."""
-        chunk = next(c for c in self.chunks if c.variable == variable and c.band == band)
-        return decode((Path(self.root) / chunk.path).read_bytes(), chunk.dtype, chunk.shape)
+        return self._read(next(c for c in self.chunks if c.variable == variable and c.band == band))
+
+    def _read(self, chunk: Chunk) -> Any:
+        found = self.places.get((chunk.path, chunk.slot))
+        if found is None:
+            raise ArchiveError(f"{chunk.path}: it holds no chunk {chunk.slot}")
+        PARTS.flush(self.root)
+        for place in self._where(chunk, *found):
+            try:
+                data = read_bytes(Path(self.root), place)
+            except FileNotFoundError:
+                continue
+            if fits(data, place):
+                return decode(data, chunk.dtype, chunk.shape, chunk.codec)
+        raise ArchiveError(f"{chunk.path}: chunk {chunk.slot} is missing, or its bytes do not fit their checksum")
+
+    def _where(self, chunk: Chunk, written: Written, place: Place | None) -> Iterator[Place]:
+        """Where a chunk may lie: a shard may have been made of its part since."""
+        if place is not None:
+            yield place
+        yield Place(part_path(written), written.offset, written.size, written.digest)
+        try:
+            _, index = read_index(Path(self.root) / chunk.path, chunk.slots)
+        except FileNotFoundError:
+            return
+        if index and chunk.slot in index:
+            yield Place(chunk.path, *index[chunk.slot], written.digest)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import calendar
 import fcntl
+import math
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +15,12 @@ from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Read, read
 from etendue.archive.manifest import read_manifest
 from etendue.archive.provenance import latest_record, record_paths
+from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError
 
 
-def _running(folder: Path) -> bool:
+def is_running(folder: Path) -> bool:
+    """Whether a run owns an archive now."""
     try:
         handle = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -32,8 +37,7 @@ def _running(folder: Path) -> bool:
 def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
     more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
     return ArchiveError(
-        f"{folder / paths[0]}{more} is missing, or not as it was written: the archive is damaged. "
-        f"Run its pipeline on it again (etendue run FILE --archive {folder}): what the plan knows is written again, the rest computed"
+        f"{folder / paths[0]}{more} is missing, or not as it was written: the archive is damaged. Mend it: etendue verify {folder} --repair"
     )
 
 
@@ -50,7 +54,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     if not root.is_dir() or (not records and not manifest and not (folder / JOURNAL).is_file()):
         raise ArchiveError(f"{folder} is not an archive of etendue (no data.zarr with a run record in it)")
     listing = disk.Listing(folder)
-    running = _running(folder)
+    running = is_running(folder)
     changed = manifest.changed(folder) if manifest and not running else []
     if (folder / "manifest.json").exists() and manifest is None and not running:
         changed = ["manifest.json"]
@@ -64,6 +68,8 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     journal = read(folder / JOURNAL)
     if journal.damaged and not running:
         raise _damaged(folder, [JOURNAL])
+    if not running and (odd := Stored(folder).odd()):
+        raise _damaged(folder, odd)
     counts: dict[str, dict[str, int]] = {}
     for cell, entry in journal.entries.items():
         own = counts.setdefault(cell.split(" ")[0], {})
@@ -81,7 +87,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     return {
         "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
         "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
-        **_progress(journal),
+        **_progress(journal), **(_pace(journal, str(record["began"])) if running else {"rate": None, "left": None}),
     }  # fmt: skip
 
 
@@ -103,6 +109,33 @@ def _progress(journal: Read, stage: str | None = None) -> dict[str, Any]:
     ended = [cell for cell in journal.run.ended if stage is None or cell.split(" ")[0] == stage]
     planned, todo = (sum(counts.get(name, 0) for name in stages) for counts in (journal.run.planned, journal.run.todo))
     return {"planned": planned, "finished": max(planned - todo, 0) + min(len(ended), todo)}
+
+
+def _pace(journal: Read, began: str) -> dict[str, float | None]:
+    """Of a run that is going on: cells a second since it began, and seconds that are left; None where it cannot be told.
+
+    What is left is weighed by what the cells of its stage have taken so far: early stages have few cells and dear ones.
+    """
+    run, elapsed = journal.run, time.time() - _instant(began)
+    if run is None or not run.ended or elapsed <= 0:
+        return {"rate": None, "left": None}
+    took: dict[str, list[float]] = {}
+    for cell in run.ended:
+        took.setdefault(cell.split(" ")[0], []).append(journal.entries[cell].seconds if cell in journal.entries else 0.0)
+    spent, known = sum(map(sum, took.values())), sum(map(len, took.values()))
+    ahead = 0.0
+    for stage, todo in run.todo.items():
+        own = took.get(stage) or [spent / known]
+        ahead += max(todo - len(took.get(stage, ())), 0) * sum(own) / len(own)
+    return {"rate": len(run.ended) / elapsed, "left": elapsed * ahead / spent if spent > 0 else None}
+
+
+def _instant(text: str) -> float:
+    """Seconds of an instant as a record has it; infinite where it is none."""
+    try:
+        return float(calendar.timegm(time.strptime(text, "%Y-%m-%dT%H:%M:%SZ")))
+    except ValueError:
+        return math.inf
 
 
 def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str, Any]]:

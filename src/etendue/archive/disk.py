@@ -23,15 +23,16 @@ from typing import Any
 from etendue.errors import ArchiveError
 
 PARTIAL = ".partial"
-FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "contact_sheet.png", "measured.json")
+PART = ".part"  # of a shard in the making: what a journal names of it is kept
+FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "CITATION.cff", "contact_sheet.png", "measured.json")
 FOLDERS = ("data.zarr", "inputs", "runs")
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _LINKED = (errno.ELOOP, errno.ENOTDIR)  # what the system says of a link, or a file, in the place of a folder
 
 
 @contextmanager
-def _folder(root: str, parts: tuple[str, ...], make: bool = False) -> Iterator[int]:
-    """The folder below ``root`` as an open handle, made if need be."""
+def _folder(root: str, parts: tuple[str, ...], make: bool = False, durable: bool = False) -> Iterator[int]:
+    """The folder below ``root`` as an open handle, made if need be; ``durable``: so that it is found after a power cut."""
     handle = os.open(root, _DIRECTORY)
     try:
         for number, part in enumerate(parts):
@@ -43,6 +44,8 @@ def _folder(root: str, parts: tuple[str, ...], make: bool = False) -> Iterator[i
                         raise
                     with suppress(FileExistsError):  # another worker has made it
                         os.mkdir(part, dir_fd=handle)
+                        if durable:
+                            os.fsync(handle)
                     below = os.open(part, _DIRECTORY, dir_fd=handle)
             except OSError as error:
                 if error.errno in _LINKED:
@@ -66,7 +69,7 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
     *parts, name = path.split("/")
     temporary = f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-    with _folder(str(root), tuple(parts), make=True) as folder:
+    with _folder(str(root), tuple(parts), make=True, durable=durable) as folder:
         try:
             handle = os.open(temporary, flags, 0o644, dir_fd=folder)
         except FileExistsError:  # of a killed run whose process had the same number
@@ -91,6 +94,78 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
             os.fsync(folder)
 
 
+def sync_folder(path: Path) -> None:
+    """The names in a folder survive a power cut."""
+    handle = os.open(path, _DIRECTORY & ~os.O_NOFOLLOW)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def create(root: str | Path, path: str, durable: bool = False) -> int:
+    """A handle to a new file, to write and read."""
+    *parts, name = path.split("/")
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    with _folder(str(root), tuple(parts), make=True, durable=durable) as folder:
+        handle = os.open(name, flags, 0o644, dir_fd=folder)
+        if durable:
+            os.fsync(folder)
+    return handle
+
+
+def open_own(root: str | Path, path: str) -> int:
+    """A handle to a file that is there, to write and read; never through a link."""
+    *parts, name = path.split("/")
+    with _folder(str(root), tuple(parts)) as folder:
+        try:
+            return os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder)
+        except OSError as error:
+            if error.errno == errno.ELOOP:
+                raise link_at(Path(root), path) from None
+            raise
+
+
+def rename(root: str | Path, path: str, new: str, durable: bool = False) -> None:
+    """Put a file that is whole in a place in the same folder."""
+    *parts, name = path.split("/")
+    with _folder(str(root), tuple(parts)) as folder:
+        try:
+            os.replace(name, new.rpartition("/")[2], src_dir_fd=folder, dst_dir_fd=folder)
+        except IsADirectoryError:
+            raise in_place_of_file(Path(root), new) from None
+        if durable:
+            os.fsync(folder)
+
+
+def write_at(handle: int, pieces: Iterable[Any], offset: int) -> None:
+    """Put pieces of bytes one behind the other into an open file."""
+    left = [view for view in (memoryview(piece).cast("B") for piece in pieces if len(piece)) if view]
+    while left:
+        done = os.pwritev(handle, left, offset)
+        offset += done
+        while left and done >= len(left[0]):
+            done -= len(left.pop(0))
+        if done:
+            left[0] = left[0][done:]
+
+
+def copy_range(source: int, start: int, target: int, at: int, length: int) -> None:
+    """Copy bytes from one open file into another, in the kernel where it can."""
+    while length:
+        try:
+            done = os.copy_file_range(source, target, length, start, at)
+        except OSError as error:
+            if error.errno not in (errno.EXDEV, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL):
+                raise
+            data = os.pread(source, min(length, 8 << 20), start)
+            write_at(target, [data], at)
+            done = len(data)
+        if not done:
+            raise OSError(errno.EIO, "a file ends before what it is to hold")
+        start, at, length = start + done, at + done, length - done
+
+
 def remove(root: str | Path, path: str) -> bool:
     """Remove one file by its name; whether it was there."""
     *parts, name = path.split("/")
@@ -111,6 +186,17 @@ def remove_folder(root: str | Path, path: str) -> None:
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
             raise
+
+
+def set_aside(root: str | Path, path: str, folder: str) -> str:
+    """Move a file, a link or a folder, whatever it is, into a folder of the archive for what does not belong to it; gives where to."""
+    *parts, name = path.split("/")
+    with _folder(str(root), tuple(parts)) as here, _folder(str(root), (folder,), make=True) as there:
+        number, taken = 1, set(os.listdir(there))
+        while (new := name if number == 1 else f"{name}.{number}") in taken:
+            number += 1
+        os.rename(name, new, src_dir_fd=here, dst_dir_fd=there)
+    return f"{folder}/{new}"
 
 
 def append_to(root: str | Path, path: str) -> int:
@@ -164,21 +250,31 @@ def in_place_of_file(root: Path, path: str) -> ArchiveError:
 
 
 class Listing:
-    """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. No link is among them."""
+    """The names below the folders of an archive, by folder: ``files["data.zarr/scene"]``. No link is among them.
 
-    def __init__(self, root: Path) -> None:
+    What an archive may not hold is refused, or gathered in ``odd`` by path, where one is given.
+    """
+
+    def __init__(self, root: Path, odd: dict[str, str] | None = None) -> None:
         self.files: dict[str, set[str]] = {}
         self.folders: dict[str, set[str]] = {}
+        self.odd = odd
         with os.scandir(root) as entries:
             for entry in entries:
                 if entry.is_symlink():
-                    raise link_at(root, entry.name)
-                if entry.name in FOLDERS:
+                    self._refuse(entry.name, link_at(root, entry.name))
+                elif entry.name in FOLDERS:
                     if not entry.is_dir(follow_symlinks=False):
-                        raise in_place_of_folder(root, entry.name)
+                        self._refuse(entry.name, in_place_of_folder(root, entry.name))
+                        continue
                     self._walk(root, entry.name)
                 elif entry.name in FILES and not entry.is_file(follow_symlinks=False):
-                    raise in_place_of_file(root, entry.name)
+                    self._refuse(entry.name, in_place_of_file(root, entry.name))
+
+    def _refuse(self, path: str, error: ArchiveError) -> None:
+        if self.odd is None:
+            raise error
+        self.odd[path] = str(error)
 
     def _walk(self, root: Path, path: str) -> None:
         """One folder, and those in it: kinds come with the names, so that no file is asked for its state."""
@@ -188,17 +284,19 @@ class Listing:
             files, folders = self.files.setdefault(path, set()), self.folders.setdefault(path, set())
             with os.scandir(root / path) as entries:
                 for entry in entries:
+                    own = f"{path}/{entry.name}"
                     if entry.is_dir(follow_symlinks=False):
                         if entry.name == "zarr.json":
-                            raise in_place_of_file(root, f"{path}/{entry.name}")
+                            self._refuse(own, in_place_of_file(root, own))
+                            continue
                         folders.add(entry.name)
-                        open_.append(f"{path}/{entry.name}")
+                        open_.append(own)
                     elif entry.is_file(follow_symlinks=False):
                         files.add(entry.name)
                     elif entry.is_symlink():
-                        raise link_at(root, f"{path}/{entry.name}")
+                        self._refuse(own, link_at(root, own))
                     else:
-                        raise ArchiveError(f"{root / path / entry.name} is no plain file; an archive holds files and folders only")
+                        self._refuse(own, ArchiveError(f"{root / own} is no plain file; an archive holds files and folders only"))
 
     def has(self, path: str) -> bool:
         folder, _, name = path.rpartition("/")

@@ -101,6 +101,8 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         document["wanted"] = list(pipeline.wanted)
     if pipeline.keep is not None:
         document["keep"] = list(pipeline.keep)
+    if said := pipeline.about.document():
+        document["about"] = said
     # what the sensor's name stands for is written out: another version may say otherwise
     sensor = {name: value for name, value in pipeline.preset.items() if name in found.camera and name not in pipeline.sweep}
     camera = found.table({**sensor, **pipeline.camera}, found.camera)
@@ -148,12 +150,13 @@ def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) 
             mended.append(f"inputs/{name}")
         for part in _parts(source) if source.is_dir() else [""]:
             disk.write(folder, f"inputs/{name}/{part}" if part else f"inputs/{name}", _read(source / part if part else source), durable)
-        if _digest_now(copy) != digest:
+        if digest_now(copy) != digest:
             raise ArchiveError(f"{source.name} has changed while it was copied into {folder / 'inputs'}; run again")
     return mended
 
 
-def _digest_now(copy: Path) -> str:
+def digest_now(copy: Path) -> str:
+    """SHA-256 of a file or folder as it is on disk now, whatever is remembered of it."""
     if not copy.is_dir():
         with copy.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,27 +1,31 @@
 """The journal: what is finished, and nothing else is.
 
 One JSON line per event, appended by the owner of the archive only. A cell is finished when its **last** line is
-``done`` with the wanted key, and the files it names have the size and digest it names. A line ends in a checksum of
+``done`` with the wanted key, and its chunks lie where the lines say, with the size they name. A line ends in a checksum of
 itself; one that does not fit it, and a torn last one, count as absent. What a file's existence suggests is never asked.
+A ``done`` line says to which part of a shard each chunk was appended; a ``shard`` line which bytes of which parts a shard holds.
 Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written again from them), the
-arrays that were made in each group, and how many cells each run has to compute.
+arrays that were made in each group, how each is cut into shards, the record of each run, and how many cells it has to compute.
+``closed`` says
+that a run has ended in order: what stands in front of it need not be read back.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import sys
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from etendue.archive import disk
-from etendue.archive.chunks import digest_of
 from etendue.archive.layout import STATUS
+from etendue.archive.shards import Shard
 from etendue.spec.ports import Written
 
 EVENTS = ("start", "done", "failed", "removed")
@@ -41,6 +45,8 @@ class Entry:
     clipped: float = 0.0
     clipped_flux: float = 0.0
     floored: float = 0.0
+    platform: str = ""  # an earlier one, on which it was computed and accepted
+    fresh: bool = False  # since the last run that ended in order
 
 
 @dataclass
@@ -59,8 +65,21 @@ class Read:
     entries: dict[str, Entry] = field(default_factory=dict)
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
+    blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)  # by group and variable: how it is cut and encoded
+    shards: dict[str, Shard] = field(default_factory=dict)  # by path below the archive, as they were put in their places
+    records: dict[str, str] = field(default_factory=dict)  # by path below the archive: the text of the record of each run
     run: Going | None = None
     damaged: int = 0  # lines that say nothing
+    torn: bool = False  # behind the last whole line stands a piece of one
+    files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
+    since: set[str] = field(default_factory=set)  # cells of which something is said since the last run that ended in order
+
+    def close(self) -> None:
+        """A run has ended in order: what was said until now need not be read back."""
+        for cell in self.since:
+            self.entries[cell] = replace(self.entries[cell], fresh=False)
+        self.since.clear()
+        self.shards = {path: replace(one, fresh=False) if one.fresh else one for path, one in self.shards.items()}
 
 
 class Journal:
@@ -71,6 +90,8 @@ class Journal:
         self.encoder = msgspec.json.Encoder()
         found = read(root / NAME)
         self.entries, self.axes, self.arrays, self.run, self.damaged = found.entries, found.axes, found.arrays, found.run, found.damaged
+        self.blocks, self.shards, self.files_a_cell, self.torn = found.blocks, found.shards, found.files_a_cell, found.torn
+        self.records = found.records
         self.handle: int | None = None
 
     def open(self) -> None:
@@ -88,9 +109,14 @@ class Journal:
         data = b"".join(summed(self.encoder.encode(line)) + b"\n" for line in lines)
         if data:
             assert self.handle is not None
-            view = memoryview(data)
-            while view:
-                view = view[os.write(self.handle, view) :]
+            before = os.fstat(self.handle).st_size
+            try:
+                view = memoryview(data)
+                while view:
+                    view = view[os.write(self.handle, view) :]
+            except OSError:
+                os.ftruncate(self.handle, before)
+                raise
             if self.durable:
                 os.fsync(self.handle)
 
@@ -106,9 +132,10 @@ class Journal:
         pairs = list(cells)
         self._append(
             {
-                "event": entry.event, "cell": cell, "key": entry.key, "status": entry.status, "seconds": round(entry.seconds, 7),
+                "event": entry.event, "cell": cell, "key": entry.key, "status": entry.status, "seconds": entry.seconds,
                 "clipped": entry.clipped, "clipped_flux": entry.clipped_flux, "floored": entry.floored,
-                "files": [[f.path, f.size, f.digest] for f in entry.files],
+                **({"platform": entry.platform} if entry.platform else {}),
+                "files": [[f.path, f.slot, f.part, f.offset, f.size, f.digest] for f in entry.files],
             }
             for cell, entry in pairs
         )  # fmt: skip
@@ -138,9 +165,32 @@ class Journal:
         self._append({"event": "arrays", "group": group, "names": sorted(names)} for group, names in fresh.items())
         self.arrays.update(fresh)
 
+    def set_blocks(self, blocks: Mapping[str, Mapping[str, dict[str, Any]]]) -> None:
+        """Say how the variables of each group are cut into shards, before any is made: it stays so when axes grow."""
+        changed = {group: {name: dict(one) for name, one in own.items()} for group, own in blocks.items() if self.blocks.get(group) != own}
+        self._append({"event": "blocks", "group": group, "blocks": own} for group, own in changed.items())
+        self.blocks.update(changed)
+
+    def put(self, shards: Mapping[str, Shard]) -> None:
+        """Say that these shards stand in their places."""
+        self._append({"event": "shard", "path": path, "size": one.size, "kept": one.kept} for path, one in shards.items())
+        self.shards.update(shards)
+
+    def record(self, path: str, text: str) -> None:
+        """Keep the record of a run twice: it can be made from nothing else."""
+        self._append([{"event": "record", "path": path, "text": text}])
+
+    def closed(self) -> None:
+        """Say that a run has ended in order."""
+        self._append([{"event": "closed"}])
+
+    def begins(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> bool:
+        """Whether there is something to be said of a run: more than that nothing is left to do of the same."""
+        return bool(todo) or self.run is None or self.run.planned != planned
+
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
         """Say how many cells of each stage a run is asked for, and how many of them it has to compute."""
-        if todo or self.run is None or self.run.planned != planned:
+        if self.begins(planned, todo):
             self._append([{"event": "run", "planned": dict(planned), "todo": dict(todo)}])
             self.run = Going(dict(planned), dict(todo))
 
@@ -179,7 +229,8 @@ def read(path: Path) -> Read:
         data = path.read_bytes()
     except FileNotFoundError:
         return found
-    *lines, _ = data.split(b"\n")  # behind the last line end stands nothing, or a torn line
+    *lines, rest = data.split(b"\n")  # behind the last line end stands nothing, or a torn line
+    found.torn = bool(rest)
     for line in lines:
         try:
             _take(found, _checked(line))
@@ -215,11 +266,15 @@ def _checked(line: bytes) -> dict[str, Any]:
     return value
 
 
-_OF_A_CELL = frozenset({"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "files"})
+_OF_A_CELL = frozenset({"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"})
 _FIELDS = {
     "axes": frozenset({"event", "group", "axes"}),
     "arrays": frozenset({"event", "group", "names"}),
     "run": frozenset({"event", "planned", "todo"}),
+    "blocks": frozenset({"event", "group", "blocks"}),
+    "shard": frozenset({"event", "path", "size", "kept"}),
+    "closed": frozenset({"event"}),
+    "record": frozenset({"event", "path", "text"}),
     **dict.fromkeys(EVENTS, _OF_A_CELL),
 }
 
@@ -240,16 +295,53 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
     elif event == "run":
         planned, todo = ({_of(str, k): _of(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
         found.run = Going(planned, todo)
+    elif event == "blocks":
+        found.blocks[_of(str, value["group"])] = {_of(str, name): _block(one) for name, one in value["blocks"].items()}
+    elif event == "shard":
+        kept = tuple((_of(str, part), *(_of(int, n) for n in rest)) for part, *rest in value["kept"])
+        if any(len(one) != 4 for one in kept):
+            raise ValueError("a run of bytes is a part and three numbers")
+        found.shards[_of(str, value["path"])] = Shard(_of(int, value["size"]), kept, True)
+    elif event == "record":
+        found.records[_of(str, value["path"])] = _of(str, value["text"])
+    elif event == "closed":
+        found.close()
     else:
-        files = tuple(Written(_of(str, path), _of(int, size), _of(str, digest)) for path, size, digest in value.get("files", ()))
+        files = _files(found, value.get("files", ()))
         status = value.get("status", "done")
         if status not in STATUS:
             raise ValueError(f"unknown status {status!r}")
-        numbers = [float(_of((int, float), value.get(name, 0.0))) for name in ("seconds", "clipped", "clipped_flux", "floored")]
+        words = ("seconds", "clipped", "clipped_flux", "floored")
+        numbers = {name: float(_of((int, float), value.get(name, 0.0))) for name in words}
         cell = _of(str, value["cell"])
-        found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, *numbers)
+        platform = _of(str, value.get("platform", ""))
+        found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
+        found.since.add(cell)
         if found.run is not None and event in ("done", "failed"):
             found.run.ended.add(cell)
+
+
+def _files(found: Read, written: Any) -> tuple[Written, ...]:
+    """The chunks of a cell; those of an archive with a file for every chunk say only how large each was."""
+    files = []
+    for one in written:
+        if len(one) == 3:
+            path, size, _ = one
+            found.files_a_cell += 1
+            files.append(Written(_of(str, path), 0, "", 0, _of(int, size), 0))
+        else:
+            path, slot, part, *numbers = one
+            offset, size, digest = (_of(int, n) for n in numbers)
+            files.append(Written(sys.intern(_of(str, path)), _of(int, slot), sys.intern(_of(str, part)), offset, size, digest))
+    return tuple(files)
+
+
+def _block(written: Any) -> dict[str, Any]:
+    words = {name: _of(str, written[name]) for name in ("codec", "form")}
+    block = {"block": [_of(int, n) for n in written["block"]], **words, "pieces": _of(int, written["pieces"])}
+    if min([*block["block"], block["pieces"]]) < 1:
+        raise ValueError("a block of nothing")
+    return block
 
 
 def _of(kind: Any, value: Any) -> Any:
@@ -268,19 +360,3 @@ def _axis(written: list[Any]) -> list[Any]:
 def is_done(entry: Entry | None, key: str) -> bool:
     """Whether the last word on a cell is that it is done, with this key."""
     return entry is not None and entry.event == "done" and entry.key == key
-
-
-def fit(entry: Entry, paths: Iterable[str], root: Path) -> bool:
-    """Whether these files are named by an entry, and have the size and digest it names."""
-    known = {file.path: file for file in entry.files}
-    for path in paths:
-        file = known.get(path)
-        if file is None:
-            return False
-        try:
-            data = (root / path).read_bytes()
-        except OSError:
-            return False
-        if len(data) != file.size or digest_of(data) != file.digest:
-            return False
-    return True

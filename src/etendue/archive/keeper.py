@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from etendue.archive import inputs, keeping, provenance
+from etendue.archive import crate, inputs, keeping, provenance
+from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
 from etendue.errors import ArchiveError
@@ -27,11 +28,17 @@ class ArchiveKeeper:
 
     keeps_arrays, draws = False, True
 
-    def __init__(self, folder: Path, scheduler: str, durable: bool, recompute: bool, accept_platform: bool, prune: bool) -> None:
+    def __init__(
+        self, folder: Path, scheduler: str, durable: bool, recompute: bool, accept_platform: bool, prune: bool,
+        restore: frozenset[str] | None = None,
+    ) -> None:  # fmt: skip
         self.store = Archive(folder, durable)
         self.folder: Path | None = self.store.folder
         self.scheduler, self.recompute, self.accept_platform, self.prune = scheduler, recompute, accept_platform, prune
+        self.restore = restore  # of a repair: names of cells of earlier runs that are to be there as well
+        self.recorded = False  # whether this run has a record of its own
         self.lock = threading.Lock()
+        self.mark: tuple[str, bytes] | None = (str(self.store.folder / "run.id"), self.store.run_id.encode())
 
     def __enter__(self) -> ArchiveKeeper:
         self.store.__enter__()
@@ -55,8 +62,12 @@ class ArchiveKeeper:
         old, entries = store.record, store.journal.entries
         if not (self.accept_platform or self.recompute):
             self._check_platform(old, provenance.platform_record())
+        elsewhere = old is not None and old["platform"] != provenance.platform_record()
+        if self.accept_platform and old is not None and elsewhere:
+            store.former = former_of(plan, old)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
-        todo = select(plan, finished, set(cells.values()))
+        asked_for = set(cells.values()) | {ref for ref in plan.cells if self.restore and store.names[ref] in self.restore}
+        todo = select(plan, finished, asked_for)
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
         known = any(entry.event == "done" for entry in entries.values())
@@ -65,13 +76,17 @@ class ArchiveKeeper:
         for name, count in store.damaged.items():
             reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
         store.begin(todo, finished, outdated)
-        store.journal.begin_run(_by_stage(cells.values()), _by_stage(todo))
+        if self.restore is not None:
+            store.change()  # also where nothing is left to do: what vouches for the rest is written anew
+        store.begin_run(_by_stage(cells.values()), _by_stage(todo))
         resolved = inputs.resolve_pipeline(asked)
         store.mended += inputs.copy_inputs(store.folder, resolved.inputs, store.durable)
-        if todo or not store.recorded:
+        if todo or not store.recorded or elsewhere:
             told = {"tolerance": plan.pipeline.tolerance, "scheduler": self.scheduler}
-            provenance.write_record(store.folder, plan, asked, resolved, told, store.durable)
-        return Work(plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended)
+            path = provenance.write_record(store.folder, plan, asked, resolved, told, store.durable)
+            store.journal.record(path, (store.folder / path).read_text())
+            self.recorded = True
+        return Work(plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved)
 
     def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
         folder = self.store.folder
@@ -85,6 +100,8 @@ class ArchiveKeeper:
 
     def target(self, cell: Cell) -> CellFiles:
         return self.store.target(cell)
+
+    def place(self, ref: CellRef, variable: str) -> None: ...
 
     def starting(self, refs: Iterable[CellRef]) -> None:
         with self.lock:
@@ -101,10 +118,17 @@ class ArchiveKeeper:
         for ref in refs:
             entry = self.store.journal.entries.get(self.store.names[ref])
             if entry is not None and entry.event == "done":
-                kept = {chunk.path for chunk in self.store.laid.chunk_paths(self.store.plan.cells[ref])}
-                files = tuple(file for file in entry.files if file.path in kept)
+                kept = {(chunk.path, chunk.slot) for chunk in self.store.laid.chunks(self.store.plan.cells[ref])}
+                files = tuple(file for file in entry.files if (file.path, file.slot) in kept)
                 found[ref] = CellReport(
-                    *ref, entry.status, entry.seconds, files, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored
+                    *ref,
+                    entry.status,
+                    entry.seconds,
+                    files,
+                    clipped=entry.clipped,
+                    clipped_flux=entry.clipped_flux,
+                    floored=entry.floored,
+                    platform=entry.platform,
                 )
         return found
 
@@ -125,14 +149,14 @@ class ArchiveKeeper:
 
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None:
         """What is finished can be looked at, and the next run goes on from it."""
+        if abandoned:
+            self.store.abandon()
         self.store.close_run(tables)
         self.store.write_manifest()
-        self.store.sweep(abandoned)
+        self.store.sweep()
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         store = self.store
-        if failed:  # a worker that was stopped may have left a file half written
-            store.sweep()
         place = store.folder / "contact_sheet.png"
         if sheet:
             tables = {
@@ -142,9 +166,12 @@ class ArchiveKeeper:
             drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
             drawn.unlink(missing_ok=True)
             sheet.draw(drawn)
+            store.change()
             os.replace(drawn, place)
         store.close_run(tables)
-        provenance.write_crate(store.folder, store.plan, store.durable)
+        if store.touched:
+            store.sweep()  # a worker that was stopped, or had to do a batch again, may have left something
+            crate.write_crate(store.folder, store.plan, store.manifest, self.recorded, store.durable)
         store.write_manifest()
         return None, [place] if place.exists() else []
 

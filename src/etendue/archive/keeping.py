@@ -44,6 +44,8 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
     """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
+    if plan is asked:
+        return {ref: ref for ref in asked.cells}
     by_name = {cell_name(plan, ref): ref for ref in plan.cells}
     found = {ref: by_name.get(cell_name(asked, ref)) for ref in asked.cells}
     return {} if None in found.values() else found  # type: ignore[return-value]

@@ -1,7 +1,7 @@
 """A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the cells.
 
 In:  a plan, the axis values of earlier runs by group.
-Out: groups, places and chunk files of cells; the store in memory (``tree``).
+Out: groups, places and chunks of cells; the store in memory (``tree``).
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from etendue.archive.chunks import ChunkFile
+from etendue.archive.chunks import Chunk
+from etendue.archive.cutting import Blocks, chunk_shapes, chunks_at, cut
 from etendue.archive.journal import Entry
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
-from etendue.archive.manifest import DATA
 from etendue.archive.tree import Tree
-from etendue.plan.cost import LARGEST_WHOLE
 from etendue.plan.model import Cell, CellRef, Plan
 
 
@@ -28,10 +27,11 @@ class Laid:
     names : the name of each cell in the journal
     axes : axis values by group as stored: those of earlier runs first
     places : by group and axis, where the plan's values are among the stored ones
+    blocks : by group and variable, how it is cut into shards and encoded
     nodes : every group and array, by path
     """
 
-    def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]) -> None:
+    def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks) -> None:
         self.plan = plan
         self.layout: Layout = layout_of(plan)
         self.names: dict[CellRef, str] = {ref: cell_name(plan, ref) for ref in plan.cells}
@@ -44,13 +44,14 @@ class Laid:
                 own[dim] += [v for v in values if v not in known]
             self.axes[path] = own
             self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
+        self.blocks = cut(plan, self.layout, self.axes, blocks)
         self.nodes = _nodes(self.layout)
 
     def tree(self, entries: Mapping[str, Entry], todo: Collection[CellRef]) -> Tree:
         """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever is stored."""
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
-        attrs: dict[str, Any] = {"etendue": {"format": 1, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
+        attrs: dict[str, Any] = {"etendue": {"format": 2, "pipeline": self.plan.pipeline.name, "stages": list(axes), "axes": axes}}
         if self.plan.pipeline.variant:
             attrs["variant"] = self.plan.pipeline.variant
         tree.put_group("", attrs)
@@ -99,22 +100,20 @@ class Laid:
         shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
         beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
-        own = tuple(max(n, 1) for n in variable.shape)
-        if by_band(variable):
-            own = (1, *own[1:])
-        tree.put_cells(path, variable.name, shape, (*(1 for _ in sizes), *own), variable.dtype, dims, attrs)
+        one = self.blocks[path][variable.name]
+        tree.put_cells(path, variable.name, shape, chunk_shapes(variable, one["block"]), variable.dtype, one["codec"], dims, attrs)
 
     def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
         """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
         return tuple(places[i] for places, i in zip(self.places[path], index, strict=True))
 
-    def chunk_paths(self, cell: Cell) -> tuple[ChunkFile, ...]:
-        """The chunk files of a cell's kept variables."""
+    def chunks(self, cell: Cell) -> tuple[Chunk, ...]:
+        """The chunks of a cell's kept variables."""
         path = self.layout.home.get(cell.ref)
         if path is None:
             return ()
         group = self.layout.groups[path]
-        return chunks_at(path, group, self.place(path, group.cells[cell.ref]))
+        return chunks_at(path, group, self.place(path, group.cells[cell.ref]), self.blocks[path])
 
 
 def _nodes(layout: Layout) -> set[str]:
@@ -128,22 +127,3 @@ def _nodes(layout: Layout) -> set[str]:
 def _positions(stored: list[Any], values: list[Any]) -> list[int]:
     where = {value: i for i, value in enumerate(stored)}
     return [where[value] for value in values]
-
-
-def by_band(variable: VariableLayout) -> bool:
-    """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
-    size = int(np.prod(variable.shape)) * np.dtype(variable.dtype).itemsize
-    return variable.dims == ("wavelength", "y", "x") and size > LARGEST_WHOLE
-
-
-def chunks_at(path: str, group: GroupLayout, place: tuple[int, ...]) -> tuple[ChunkFile, ...]:
-    """The chunk files at one position of the axes of a group."""
-    chunks = []
-    for variable in group.variables.values():
-        banded = by_band(variable)
-        for band in range(variable.shape[0]) if banded else [None]:
-            own = [band or 0, *[0] * (len(variable.shape) - 1)] if variable.shape else []
-            where = ".".join(["c", *map(str, [*place, *own])])
-            shape = variable.shape if band is None else variable.shape[1:]
-            chunks.append(ChunkFile(variable.name, f"{DATA}/{path}/{variable.name}/{where}", variable.dtype, shape, band))
-    return tuple(chunks)

@@ -84,18 +84,19 @@ def layout_of(plan: Plan) -> Layout:
         if varies:
             parents[node.name] = attrs
         shapes = _shape_names(cells) if varies else {}
+        axes = [(dim, plan.axis(dim).values) for dim in node.axes]
+        found: dict[str, dict[str, dict[Any, None]]] = {}
         for cell in cells:
             path = f"{node.name}/{shapes[cell.ref]}" if varies else node.name
             home[cell.ref] = path
             if path not in groups:
                 groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {}, attrs={} if varies else attrs)
-            group = groups[path]
-            for dim, i in zip(node.axes, cell.index, strict=True):
-                value = plan.axis(dim).values[i]
-                if value not in group.axes[dim]:
-                    group.axes[dim].append(value)
-        for path in dict.fromkeys(home[cell.ref] for cell in cells):
-            _fill(plan, node, groups[path], [c for c in cells if home[c.ref] == path], kept)
+                found[path] = {dim: {} for dim in node.axes}
+            for (dim, values), i in zip(axes, cell.ref[1], strict=True):
+                found[path][dim][values[i]] = None
+        for path, values_of in found.items():
+            groups[path].axes.update({dim: list(values) for dim, values in values_of.items()})
+            _fill(plan, node, groups[path], [c for c in cells if not varies or home[c.ref] == path], kept)
     return Layout(groups, parents, home)
 
 
@@ -130,9 +131,10 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         axis = plan.axis(dim)
         attrs = {"long_name": camera.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
         group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
+    at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
+    places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
     for cell in cells:
-        labels = plan.labels(cell.ref)
-        group.cells[cell.ref] = tuple(group.axes[dim].index(labels[dim]) for dim in node.axes)
+        group.cells[cell.ref] = tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True))
     for name in kept:
         declaration = node.writes[name]
         grid = cells[0].grids[name]
@@ -182,19 +184,22 @@ def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef,
         if any(len(found) > 1 for found in rest.values()):
             moving.append(axis)
     size = next(iter(lines.values())).size
+    numbers = [node.axes.index(axis) for axis in moving]
+    first: dict[tuple[int, ...], Line] = {}
+    for ref, line in lines.items():
+        place = group.cells[ref]
+        first.setdefault(tuple(place[number] for number in numbers), line)
 
-    def nested(left: list[str], at: dict[str, int]) -> Any:
+    def nested(left: list[str], at: tuple[int, ...]) -> Any:
         if left:
-            return [nested(left[1:], {**at, left[0]: i}) for i in range(len(group.axes[left[0]]))]
-        for ref in lines:
-            place = dict(zip(node.axes, group.cells[ref], strict=True))
-            if all(place[a] == i for a, i in at.items()):
-                start, step = lines[ref].um()
-                return [start + step * i for i in range(size)]
-        return [float("nan")] * size
+            return [nested(left[1:], (*at, i)) for i in range(len(group.axes[left[0]]))]
+        if at not in first:
+            return [float("nan")] * size
+        start, step = first[at].um()
+        return [start + step * i for i in range(size)]
 
     attrs = {"units": "um", "long_name": f"{dim} of the centres on the image plane"}
-    group.coordinates[f"{dim}_um"] = CoordinateLayout((*moving, dim), nested(moving, {}), attrs)
+    group.coordinates[f"{dim}_um"] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
 
 
 def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from etendue.archive import disk
 
 NAME = "manifest.json"
 DATA = "data.zarr"
+DIGITS = 64  # of a SHA-256, with which the name of an input begins
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Manifest:
 
     metadata: Mapping[str, str]
     files: Mapping[str, str]
+    journal: str = ""  # SHA-256 of the journal as the run left it: looked at where every byte is
 
     def changed(self, folder: Path) -> list[str]:
         """The paths whose files are missing or not as they were written."""
@@ -46,17 +48,28 @@ def digest_of(path: Path) -> str:
 def read_manifest(folder: Path) -> Manifest | None:
     """The manifest of an archive; None where there is none, or it is damaged."""
     found = disk.read_document(folder / NAME) or {}
-    metadata, files = found.get("metadata"), found.get("files", {})
-    if not isinstance(metadata, dict) or not isinstance(files, dict):
+    metadata, files, journal = found.get("metadata"), found.get("files", {}), found.get("journal", "")
+    if not isinstance(metadata, dict) or not isinstance(files, dict) or not isinstance(journal, str):
         return None
     if not all(isinstance(value, str) and ".." not in path.split("/") for path, value in {**metadata, **files}.items()):
         return None
-    return Manifest(metadata, files)
+    if found.get("sum", "") not in ("", _sum(metadata, files, journal)):
+        return None
+    return Manifest(metadata, files, journal)
+
+
+def _sum(metadata: Mapping[str, str], files: Mapping[str, str], journal: str) -> str:
+    """SHA-256 of all that a manifest says."""
+    return hashlib.sha256(json.dumps([metadata, files, journal], sort_keys=True).encode()).hexdigest()
 
 
 def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = False) -> None:
     """``metadata``: the bytes of the store's own files, by path below the archive."""
-    beside = ["contact_sheet.png", "ro-crate-metadata.json", *(f"runs/{p.name}" for p in sorted((folder / "runs").glob("*.*")))]
+    runs = (f"runs/{p.name}" for p in sorted((folder / "runs").glob("*.*")))
+    told = (f"inputs/{p.name}" for p in sorted((folder / "inputs").glob("*.json")) if len(p.stem) > DIGITS)  # what a large input is
+    beside = ["contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", *runs, *told]
     files = {path: digest_of(folder / path) for path in beside if (folder / path).is_file() and not path.endswith(disk.PARTIAL)}
     digests = {path: hashlib.sha256(data).hexdigest() for path, data in sorted(metadata.items())}
-    disk.write(folder, NAME, json.dumps({"metadata": digests, "files": files}, indent=1).encode(), durable)
+    journal = digest_of(folder / "journal.jsonl")
+    whole = {"metadata": digests, "files": files, "journal": journal, "sum": _sum(digests, files, journal)}
+    disk.write(folder, NAME, json.dumps(whole, indent=1).encode(), durable)

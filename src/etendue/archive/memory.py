@@ -24,6 +24,7 @@ class MemoryKeeper:
 
     folder: Path | None = None
     keeps_arrays = True
+    mark: tuple[str, bytes] | None = None
 
     def __init__(self, pictures: bool = True) -> None:
         self.draws = pictures
@@ -47,6 +48,11 @@ class MemoryKeeper:
         return Work(asked, {ref: ref for ref in asked.cells}, set(asked.cells))
 
     def target(self, cell: Cell) -> None: ...
+
+    def place(self, ref: CellRef, variable: str) -> Any:
+        path = self.layout.home.get(ref)
+        whole = self.whole.get((path, variable)) if path else None
+        return None if path is None or whole is None else whole[self.layout.groups[path].cells[ref]]
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
@@ -73,12 +79,13 @@ class MemoryKeeper:
         path = self.layout.home.get(ref)
         placed = {}
         for name, array in arrays.items():
-            whole = self.whole.get((path, name)) if path else None
+            whole: Any = self.whole.get((path, name)) if path else None
             if path is None or whole is None:
                 placed[name] = array
                 continue
             index = self.layout.groups[path].cells[ref]
-            whole[index] = array
+            if type(array) is not np.ndarray or array.base is not whole:  # else it has been put there
+                whole[index] = array
             self.missing[path, name][index] = False
             placed[name] = whole[index]
         return placed

@@ -20,6 +20,7 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.inputs import Resolved, as_recorded
 from etendue.archive.manifest import Manifest, digest_of
+from etendue.discovery import named
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
 from etendue.plan.model import Plan
 from etendue.spec.found import Found
@@ -43,6 +44,13 @@ def platform_record() -> dict[str, Any]:
     }
 
 
+def in_words(record: Mapping[str, Any]) -> str:
+    """The platform of a record: ``numpy 2.4.1, scipy 1.17.0, x86_64, Python 3.11``."""
+    own = record["platform"]
+    libraries = [f"{name} {own.get(name)}" for name in ("numpy", "scipy")]
+    return ", ".join([*libraries, str(own.get("machine")), f"Python {own.get('python')}"])
+
+
 def node_records(plan: Plan) -> dict[str, Any]:
     """For each stage what its keys are made of, axis values aside: compared to say why a cell is computed again."""
     records = {}
@@ -54,12 +62,13 @@ def node_records(plan: Plan) -> dict[str, Any]:
             "stage": [a.use for a in node.alternatives],
             "role": [a.kind.role for a in node.alternatives],
             "code": [a.digest for a in node.alternatives],
+            "distributions": [f"{a.distribution} {a.version}" for a in node.alternatives],
             "parameters": canonical(parameters),
             "shown": {k: _plain(v) for k, v in parameters.items()},
             "precision": plan.precision,
             "seed": plan.pipeline.seed if node.is_random else None,
             "inputs": sorted({source for bound in node.inputs for _, source, _ in bound}),
-            "versions": cell.key_fields.get("versions", {}),
+            "versions": dict(cell.versions),
         }
     return records
 
@@ -82,7 +91,7 @@ def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, A
     for path in reversed(record_paths(folder)):
         record = disk.read_document(path)
         known = manifest.files.get(f"runs/{path.name}") if manifest else None
-        if record is not None and _is_record(record) and known in (None, digest_of(path)):
+        if record is not None and is_record(record) and known in (None, digest_of(path)):
             return record
     return None
 
@@ -90,7 +99,7 @@ def latest_record(folder: Path, manifest: Manifest | None = None) -> dict[str, A
 def records(folder: Path) -> list[dict[str, Any]]:
     """The records of all runs that can be read, the newest first."""
     found = [disk.read_document(path) for path in reversed(record_paths(folder))]
-    return [record for record in found if record is not None and _is_record(record)]
+    return [record for record in found if record is not None and is_record(record)]
 
 
 def record_paths(folder: Path) -> list[Path]:
@@ -101,7 +110,7 @@ def record_paths(folder: Path) -> list[Path]:
 _WORDS = {"pipeline": str, "began": str, "camera": dict, "axes": dict, "nodes": dict, "platform": dict, "libraries": dict}
 
 
-def _is_record(record: Mapping[str, Any]) -> bool:
+def is_record(record: Mapping[str, Any]) -> bool:
     """Whether a document has the form of a record."""
     if not all(isinstance(record.get(name), kind) for name, kind in _WORDS.items()):
         return False
@@ -110,8 +119,8 @@ def _is_record(record: Mapping[str, Any]) -> bool:
     return whole and all(isinstance(values, list) for values in record["axes"].values())
 
 
-def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False) -> None:
-    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``.
+def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any], durable: bool = False) -> str:
+    """Record a run before it starts: ``runs/<number>.json``, and its pipeline as ``runs/<number>.toml``; gives the path of the record.
 
     ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
     """
@@ -133,66 +142,40 @@ def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, opti
         "options": dict(options),
         "platform": platform_record(),
         "libraries": {name: version_of(name) for name in LIBRARIES},
-        "distributions": {d.name: d.version for d in importlib.metadata.distributions() if d.name},
+        "distributions": {name: version for name, version in map(named, importlib.metadata.distributions()) if name},
         "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
     disk.write(folder, f"runs/{number:04d}.toml", resolved.text.encode(), durable)
     disk.write(folder, f"runs/{number:04d}.json", json.dumps(record, indent=1, sort_keys=True).encode(), durable)
+    return f"runs/{number:04d}.json"
 
 
 def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
     """Why each stage would be computed again: the field that changed, old and new."""
     if not old:
         return {}
+    return node_changes(old["nodes"], node_records(plan))
+
+
+def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
+    """By stage what differs of what its keys are made of, old and new; of the first stages, and of those that read from them."""
     found: dict[str, str] = {}
-    now = node_records(plan)
-    for node in plan.nodes:
-        before, after = old["nodes"].get(node.name), now[node.name]
+    for name, after in new.items():
+        before = old.get(name)
         if before is None:
-            found[node.name] = "the stage is new"
+            found[name] = "the stage is new"
             continue
         for field in ("stage", "precision", "seed", "code", "versions"):
             if before.get(field) != after[field]:
                 shown = ("", "") if field == "code" else (f": {before.get(field)}", f" -> {after[field]}")
-                found[node.name] = "its code has changed" if field == "code" else field + shown[0] + shown[1]
+                found[name] = "its code has changed" if field == "code" else field + shown[0] + shown[1]
                 break
         else:
             changed = [k for k in after["parameters"] if before["parameters"].get(k) != after["parameters"][k]]
             if changed:
-                k = changed[0]
-                found[node.name] = f"{k}: {before['shown'].get(k)} -> {after['shown'].get(k)}"
+                found[name] = "; ".join(f"{k}: {before['shown'].get(k)} -> {after['shown'].get(k)}" for k in changed[:3])
             else:
                 source = next((s for s in after["inputs"] if s in found), None)
                 if source:
-                    found[node.name] = f"its input {source} has changed"
+                    found[name] = f"its input {source} has changed"
     return found
-
-
-def write_crate(folder: Path, plan: Plan, durable: bool = False) -> None:
-    """A minimal RO-Crate description, so that the directory can be published as it is."""
-    parts = [{"@id": "data.zarr/"}, {"@id": "journal.jsonl"}, {"@id": "manifest.json"}]
-    crate = {
-        "@context": "https://w3id.org/ro/crate/1.1/context",
-        "@graph": [
-            {
-                "@id": "ro-crate-metadata.json",
-                "@type": "CreativeWork",
-                "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
-                "about": {"@id": "./"},
-            },
-            {
-                "@id": "./",
-                "@type": "Dataset",
-                "name": plan.pipeline.name,
-                "description": plan.pipeline.description or f"Camera simulation '{plan.pipeline.name}'",
-                "datePublished": time.strftime("%Y-%m-%d", time.gmtime()),
-                "license": "not stated",
-                "hasPart": parts,
-            },
-            {"@id": "data.zarr/", "@type": "Dataset", "name": "all variables of all stages, Zarr v3"},
-            {"@id": "journal.jsonl", "@type": "File", "encodingFormat": "application/jsonl", "name": "what is finished"},
-            {"@id": "manifest.json", "@type": "File", "encodingFormat": "application/json", "name": "digests of the metadata"},
-            {"@id": "#etendue", "@type": "SoftwareApplication", "name": "etendue", "version": version_of("etendue")},
-        ],
-    }
-    disk.write(folder, "ro-crate-metadata.json", json.dumps(crate, indent=1).encode(), durable)

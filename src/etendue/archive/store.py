@@ -8,8 +8,9 @@ paper/
   runs/               a record of every run: pipeline, versions, platform
   lock  run.id        who owns it
 
-Chunks of cells are trusted where the journal names them and they are what it names; everything else in the store is known
-from the plan (``tree``), compared with what is there, and written again where it differs. Nothing is removed but by its name.
+Chunks of cells are trusted where the journal names them and they lie where it says; everything else in the store is known from the
+plan (``tree``), compared with what is there, and written again where it differs. Nothing is removed but by its name, and nothing is
+written where nothing has changed.
 """
 
 from __future__ import annotations
@@ -20,26 +21,30 @@ import json
 import os
 import re
 import shutil
-import uuid
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from etendue.archive import disk, frames
-from etendue.archive.chunks import CellFiles
+from etendue.archive.accepting import Former, accepted
+from etendue.archive.blocks import Blocks, Stored
+from etendue.archive.chunks import CellFiles, Chunk
+from etendue.archive.clearing import CHUNK, half_written, nodes_on_disk, remove_node, sweep
+from etendue.archive.finding import Finder
 from etendue.archive.frames import FRAMES
-from etendue.archive.journal import Entry, Journal, fit, is_done
-from etendue.archive.laid import Laid, chunks_at
-from etendue.archive.manifest import DATA, digest_of, read_manifest, write_manifest
+from etendue.archive.journal import Entry, Journal, is_done
+from etendue.archive.laid import Laid
+from etendue.archive.manifest import DATA, read_manifest, write_manifest
+from etendue.archive.owner import ABANDONED, fresh_id
+from etendue.archive.parts import PARTS
 from etendue.archive.provenance import latest_record, record_paths
+from etendue.archive.shards import Place, part_path
+from etendue.archive.strangers import check_ours, known_axes, refuse_strangers
 from etendue.archive.tree import ROOT, incompatible
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.spec.names import TABLES
 from etendue.spec.ports import CellReport, Written
-
-ABANDONED = "abandoned"  # in place of the owner's id: a stage did not end when the run was interrupted
-CHUNK = re.compile(r"c(\.\d+)*")
 
 
 class Archive:
@@ -58,17 +63,23 @@ class Archive:
             raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
         self.held: dict[CellRef, tuple[Written, ...]] = {}  # of cells of which more is asked for than is stored: what stays
+        self.found: dict[CellRef, Stored] = {}  # of cells: their chunks that are stored and right
+        self.chunks: dict[CellRef, tuple[Chunk, ...]] = {}  # of the cells to be computed
+        self.touched = False  # whether anything has been changed
         self.mended: list[str] = []  # what was missing or changed and has been written again
-        self.run_id = uuid.uuid4().hex
+        self.former = Former()  # of the platform of the last run, where that is accepted
+        self.run_id = fresh_id()
 
     # -- opening --------------------------------------------------------------------------------------
 
     def __enter__(self) -> Archive:
         if self.folder.exists():
-            self._check_ours()
+            check_ours(self.folder)
             disk.Listing(self.folder)  # refuses links
         try:
             (self.folder / DATA).mkdir(parents=True, exist_ok=True)
+            if self.durable:
+                disk.sync_folder(self.folder.parent)
             self.lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise MachineError(f"the archive {self.folder} cannot be written: {error.strerror}") from None
@@ -96,38 +107,14 @@ class Archive:
         return self
 
     def __exit__(self, *_: object) -> None:
+        PARTS.close(str(self.folder))
         self.journal.close()
         os.close(self.lock)
-
-    def _check_ours(self) -> None:
-        """Refuse a directory that holds something else."""
-        names = set(os.listdir(self.folder)) if self.folder.is_dir() else {""}
-        begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(p.is_dir() for p in (self.folder / DATA).glob("*"))
-        if begun or "etendue" in self._root_attributes():
-            return
-        known = DATA in names and (latest_record(self.folder) or _is_journal(self.folder / "journal.jsonl"))
-        if not known:
-            raise ArchiveError(f"{self.folder} exists and is not an archive; name another with --archive DIR")
-
-    def _root_attributes(self) -> dict[str, Any]:
-        found = (disk.read_document(self.folder / DATA / ROOT) or {}).get("attributes")
-        return found if isinstance(found, dict) else {}
-
-    def _known_axes(self) -> dict[str, Any] | None:
-        """The stages and the names of their axes, as the archive was created: from what is undamaged."""
-        root: Any = self._root_attributes().get("etendue")
-        axes = root.get("axes") if isinstance(root, dict) else None
-        whole = isinstance(axes, dict) and all(isinstance(names, list) for names in axes.values())
-        path = f"{DATA}/{ROOT}"
-        if whole and self.manifest and self.manifest.metadata.get(path) == digest_of(self.folder / path):
-            return axes
-        recorded = (self.record or {}).get("stages")
-        return recorded if isinstance(recorded, dict) else axes if whole else None
 
     def check_stages(self, plan: Plan) -> None:
         """Refuse a plan of other stages or axes than those the archive was made with."""
         new = {node.name: list(node.axes) for node in plan.nodes}
-        old = self._known_axes()
+        old = known_axes(self.folder, self.manifest, self.record)
         if old is not None and old != new:
             what = sorted(set(old) ^ set(new)) or [f"the axes of {n}" for n in new if old.get(n) != new[n]]
             raise ArchiveError(
@@ -143,9 +130,15 @@ class Archive:
         ArchiveError
             Somebody else's things stand in the place of the plan's.
         """
-        self.plan, self.laid = plan, Laid(plan, self.journal.axes)
+        if self.journal.files_a_cell:
+            raise ArchiveError(
+                f"{self.folder} has a file for every cell, as earlier versions wrote it: it can be looked at, and nothing can be added. "
+                f"Make one of the present form of it: etendue compact {self.folder} {self.folder.name}-2"
+            )
+        self.plan, self.laid = plan, Laid(plan, self.journal.axes, self.journal.blocks)
+        self.finder = Finder(self.folder, self.journal)
         self.layout, self.names, self.nodes = self.laid.layout, self.laid.names, self.laid.nodes
-        self._refuse_strangers({node.name for node in plan.nodes})
+        refuse_strangers(self.folder, self.listing, {node.name for node in plan.nodes}, self.ours)
         for node in self.nodes:
             if self.listing.has(f"{DATA}/{node}"):
                 raise disk.in_place_of_folder(self.folder, f"{DATA}/{node}")
@@ -154,30 +147,6 @@ class Archive:
                 folder = f"{DATA}/{path}/{name}"
                 for found in filter(CHUNK.fullmatch, self.listing.folders.get(folder, ())):
                     raise disk.in_place_of_file(self.folder, f"{folder}/{found}")
-
-    def _refuse_strangers(self, stages: set[str]) -> None:
-        """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the tree."""
-        for folder in sorted(self.listing.folders.get(DATA, ())):
-            found = [folder] if folder not in stages and folder not in TABLES else []
-            if found and folder not in self.ours:
-                document = disk.read_document(self.folder / DATA / folder / ROOT)
-                if document is None or document.get("node_type") == "group":
-                    continue
-            else:
-                inside = self._nodes_on_disk(folder) if self.ours and folder not in TABLES else []
-                found = [node for node in inside if node not in self.ours]
-            if found:
-                raise ArchiveError(
-                    f"{self.folder / DATA / found[0]} was not written by a run of this archive, and stands where its own results do; "
-                    f"move it elsewhere (a group of your own may stand in {DATA} itself)"
-                )
-
-    def _nodes_on_disk(self, path: str) -> list[str]:
-        """Groups and arrays at and below a folder of the store."""
-        own = [path] if self.listing.has(f"{DATA}/{path}/{ROOT}") else []
-        for name in sorted(self.listing.folders.get(f"{DATA}/{path}", ())):
-            own += self._nodes_on_disk(f"{path}/{name}")
-        return own
 
     # -- what is finished -----------------------------------------------------------------------------
 
@@ -190,21 +159,30 @@ class Archive:
         """Whether a cell needs no computing: the journal says done with its key, and its files are as the journal says."""
         cell = self.plan.cells[ref]
         entry = self.journal.entries.get(self.names[ref])
-        if entry is None or not is_done(entry, cell.key):
+        if entry is None or not (is_done(entry, cell.key) or is_done(entry, self.former.keys.get(ref, cell.key))):
             return False
-        paths = [chunk.path for chunk in self.laid.chunk_paths(cell)]
-        if fit(entry, paths, self.folder):
+        chunks = self.laid.chunks(cell)
+        known = {(file.path, file.slot): file for file in entry.files}
+        asked = [known.get((chunk.path, chunk.slot)) for chunk in chunks]
+        found: dict[tuple[str, int], tuple[Written, Place]] = {}
+        for chunk, file in zip(chunks, asked, strict=True):
+            place = self.finder.find(file, chunk.slots, entry.fresh) if file else None
+            if file and place is None:
+                self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
+                return False
+            if file and place:
+                found[file.path, file.slot] = file, place
+        if len(found) == len(chunks):
+            self.found[ref] = found
             return True
-        known = {file.path: file for file in entry.files if file.path in paths}
-        if known and fit(entry, known, self.folder):  # more is asked for than there is: the rest is added to it
-            self.held[ref] = tuple(known.values())
-        elif known:  # else it was computed, and not kept
-            self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
+        if found:  # more is asked for than there is: the rest is added to it; else it was computed, and not kept
+            self.held[ref], self.found[ref] = tuple(file for file, _ in found.values()), found
         return False
 
     def has_files(self, ref: CellRef) -> bool:
         """Whether anything of a cell is stored, right or not."""
-        return any((self.folder / chunk.path).exists() for chunk in self.laid.chunk_paths(self.plan.cells[ref]))
+        states = [(chunk.slot, self.finder.state(chunk.path, chunk.slots)) for chunk in self.laid.chunks(self.plan.cells[ref])]
+        return any(state is not None and slot in (state.index or {}) for slot, state in states)
 
     # -- beginning ------------------------------------------------------------------------------------
 
@@ -213,27 +191,62 @@ class Archive:
 
         ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
         """
-        self.journal.open()
-        disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
-        names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
-        earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
-        self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
+        if fresh := accepted(self.former, self.plan, {ref: self.journal.entries[self.names[ref]] for ref in finished}):
+            self.change()
+            self.journal.end((self.names[ref], entry) for ref, entry in fresh)
+        blocks = self.blocks = Blocks(self.folder, self.journal, self.finder, self.durable)
+        for ref in finished:
+            blocks.keep(self.laid.chunks(self.plan.cells[ref]), self.found[ref])
+        for ref in todo:
+            chunks = self.chunks[ref] = self.laid.chunks(self.plan.cells[ref])
+            if ref in self.held:
+                blocks.keep(chunks, self.found[ref])
+            blocks.expect(chunks, self.held.get(ref, ()))
+        for ref in outdated:
+            blocks.keep(self.laid.chunks(self.plan.cells[ref]), {})
+        self.lacking = set(todo)
         planned = set(self.names.values())
         left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
         left += [name for name, entry in self.journal.entries.items() if name not in planned and entry.event == "done"]
-        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
         self.tree = self.laid.tree(self.journal.entries, todo)
+        if todo or left or blocks.unsettled() or not self._is_as_it_was_left():
+            self._change(set(finished), outdated, left)
+
+    def _is_as_it_was_left(self) -> bool:
+        """Whether a run that has nothing to compute would change nothing of what the last one has left."""
+        journal, known = self.journal, self.manifest
+        if known is None or self.mended or journal.torn or not self.recorded or known.changed(self.folder):
+            return False
+        others = {node for node in self.ours - self.nodes if node.split("/")[0] not in TABLES}
+        if journal.axes != self.laid.axes or journal.blocks != self.laid.blocks or others:
+            return False
+        if half_written(self.listing):
+            return False
+        own = {f"{DATA}/{path}": hashlib.sha256(data).hexdigest() for path, data in self.tree.held.items() if path != ROOT}
+        others = {path for path in known.metadata if path not in own and path != f"{DATA}/{ROOT}"}
+        return own.items() <= known.metadata.items() and all(path.split("/")[1] in TABLES for path in others)
+
+    def _change(self, finished: set[CellRef], outdated: Collection[CellRef], left: Iterable[str]) -> None:
+        self.change()
+        names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
+        earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
+        self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
+        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
         self._say_what_was_damaged()
-        disk.remove(self.folder, "manifest.json")
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
-        self._sweep()
-        self._drop_unplanned(set(finished))
+        sweep(self.folder, self.listing, self._parts_of_done_cells())
+        self._drop_unplanned()
         self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
         self.journal.set_axes(self.laid.axes)
-        for ref in outdated:
-            for chunk in self.laid.chunk_paths(self.plan.cells[ref]):
-                disk.remove(self.folder, chunk.path)
+        self.journal.set_blocks(self.laid.blocks)
         self._put(self.tree.files())
+        self.blocks.put(self.blocks.unsettled())
+
+    def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
+        """Say what a run is asked for, and what of it is to be computed."""
+        if self.journal.begins(planned, todo):
+            self.change()
+            self.journal.begin_run(planned, todo)
 
     def _say_what_was_damaged(self) -> None:
         """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
@@ -250,75 +263,59 @@ class Archive:
         self.mended += found
         if self.manifest:
             self.mended += [path for path in self.manifest.changed(self.folder) if path in self.manifest.files]
+        self.mended += [f"{path} (its size or index)" for path in self.blocks.odd()]
 
-    def sweep(self, abandoned: bool = False) -> None:
-        """Remove what a run or worker has left half written; of an abandoned run, whatever is still under way is refused."""
-        if abandoned:
-            disk.write(self.folder, "run.id", ABANDONED.encode(), self.durable)
+    def abandon(self) -> None:
+        """Whatever is still under way is refused from now on."""
+        disk.write(self.folder, "run.id", ABANDONED.encode(), self.durable)
+
+    def change(self) -> None:
+        """The archive is the run's own from now on, and not in order until it has ended."""
+        if not self.touched:
+            self.touched = True
+            self.journal.open()
+            disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
+            disk.remove(self.folder, "manifest.json")
+
+    def sweep(self) -> None:
+        """Remove what a run or worker has left half written."""
         self.listing = disk.Listing(self.folder)
-        self._sweep()
+        sweep(self.folder, self.listing, self.blocks.parts())
 
-    def _sweep(self) -> None:
-        """Remove what a killed run left half written."""
-        for folder, names in self.listing.files.items():
-            for name in names:
-                if name.startswith(".") and name.endswith(disk.PARTIAL):
-                    disk.remove(self.folder, f"{folder}/{name}")
-        for name in os.listdir(self.folder):
-            if re.fullmatch(r"\..*\.\d+\.\d+\.partial", name):
-                disk.remove(self.folder, name)
+    def _parts_of_done_cells(self) -> set[str]:
+        """The parts in which something may lie that the journal calls done."""
+        named, shards = (f for e in self.journal.entries.values() if e.event == "done" for f in e.files), self.journal.shards
+        return {part_path(file) for file in named if file.path not in shards or shards[file.path].at(file) is None}
 
-    def _drop_unplanned(self, finished: set[CellRef]) -> None:
-        """Groups, variables and cells that the plan no longer has: they must not read as results of it."""
+    def _drop_unplanned(self) -> None:
+        """Groups, variables and shards that the plan no longer has: they must not read as results of it."""
         for node in sorted(self.ours - self.nodes, key=lambda node: -node.count("/")):
             if node.split("/")[0] not in TABLES:
-                self._remove_node(node)
+                remove_node(self.folder, self.listing, node)
         files = self.tree.files()
         for path, group in self.layout.groups.items():
-            fresh = set()  # variables whose stored chunks are of another form, those of finished cells aside
             for name in group.variables:
-                old = disk.read_document(self.folder / DATA / path / name / ROOT)
-                if incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"])):
-                    fresh.add(name)
-            allowed: dict[str, set[str]] = {f"{DATA}/{path}/{name}": set() for name in group.variables}
-            for ref, index in group.cells.items():
-                for chunk in chunks_at(path, group, self.laid.place(path, index)):
-                    if chunk.variable not in fresh or ref in finished:
-                        folder, _, file = chunk.path.rpartition("/")
-                        allowed[folder].add(file)
-            for folder, own in allowed.items():
-                for file in self.listing.files.get(folder, ()):
-                    if CHUNK.fullmatch(file) and file not in own:
+                folder = f"{DATA}/{path}/{name}"
+                old = disk.read_document(self.folder / folder / ROOT)
+                fresh = incompatible(old, json.loads(files[f"{path}/{name}/{ROOT}"]))  # of another form, those with finished cells aside
+                for file in filter(CHUNK.fullmatch, self.listing.files.get(folder, ())):
+                    own = self.blocks.wanted.get(f"{folder}/{file}")
+                    if own is None or (fresh and not own):
                         disk.remove(self.folder, f"{folder}/{file}")
-
-    def _remove_node(self, node: str) -> None:
-        """Remove a group or array: metadata and chunks, by name; what somebody else put beside them stays."""
-        folder = f"{DATA}/{node}"
-        for name in self.listing.files.get(folder, ()):
-            if name == ROOT or CHUNK.fullmatch(name):
-                disk.remove(self.folder, f"{folder}/{name}")
-        if "c" in self.listing.folders.get(folder, ()):
-            self._remove_digits(f"{folder}/c")
-        if folder in self.listing.files:
-            disk.remove_folder(self.folder, folder)
-
-    def _remove_digits(self, folder: str) -> None:
-        for name in self.listing.files.get(folder, ()):
-            if name.isdigit():
-                disk.remove(self.folder, f"{folder}/{name}")
-        for name in self.listing.folders.get(folder, ()):
-            if name.isdigit():
-                self._remove_digits(f"{folder}/{name}")
-        disk.remove_folder(self.folder, folder)
+                        self.finder.states[f"{folder}/{file}"] = None
 
     def _put(self, files: Mapping[str, bytes]) -> None:
         """Files of the store in their places, where others are there; what describes the rest of a group or array comes last."""
         for path in sorted(files, key=lambda path: (path.endswith(ROOT), -path.count("/"))):
             if disk.content_of(self.folder / DATA / path) != files[path]:
+                self.change()
                 disk.write(self.folder, f"{DATA}/{path}", files[path], self.durable)
 
     def target(self, cell: Cell) -> CellFiles:
-        return CellFiles(str(self.folder), self.run_id, self.laid.chunk_paths(cell), self.durable, self.held.get(cell.ref, ()))
+        held: tuple[Written, ...] = self.held.get(cell.ref, ())
+        found: dict[tuple[str, int], tuple[Written, Place | None]] = dict(self.found.get(cell.ref, {}))
+        chunks = self.chunks.get(cell.ref) or self.laid.chunks(cell)
+        return CellFiles(str(self.folder), self.run_id, chunks, self.durable, held, found)
 
     # -- progress of a run ----------------------------------------------------------------------------
 
@@ -327,16 +324,17 @@ class Archive:
 
     def reported(self, reports: Iterable[CellReport]) -> None:
         """Journal what became of cells. A cell without a result keeps no file of an earlier one."""
-        lines = []
+        lines, complete = [], []
         for report in reports:
             ref = (report.stage, report.index)
             event = "done" if report.status in ("done", "left_out") else "failed"
-            if event == "failed":
-                for chunk in self.laid.chunk_paths(self.plan.cells[ref]):
-                    disk.remove(self.folder, chunk.path)
-            told = (report.written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
+            written = report.written if event == "done" else ()
+            told = (written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
             lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
+            complete += self.blocks.ended(self.chunks[ref], written)
+            self.lacking.discard(ref)
         self.journal.end(lines)
+        self.blocks.put(complete)
 
     # -- closing --------------------------------------------------------------------------------------
 
@@ -359,8 +357,9 @@ class Archive:
         return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
-        """Write status and tables, then consolidate: readers see a finished run or the one before."""
-        self.laid.put_status(self.tree, self.journal.entries)
+        """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the one before."""
+        self.blocks.close()
+        self.laid.put_status(self.tree, self.journal.entries, self.lacking)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:
@@ -373,27 +372,25 @@ class Archive:
             if name == FRAMES:  # which is not made again by every run
                 self.tree.take(frames.sealed(self.tree.files(name), attrs))
             own = self.tree.files(name)
-            stale = [node for node in self._nodes_on_disk(name) if f"{node}/{ROOT}" not in own and node in self.ours]
+            stale = [node for node in nodes_on_disk(self.listing, name) if f"{node}/{ROOT}" not in own and node in self.ours]
             for node in sorted(stale, key=lambda node: -node.count("/")):
-                self._remove_node(node)
+                remove_node(self.folder, self.listing, node)
             self._put(own)
         others: dict[str, bytes] = {}
         for folder in self.listing.folders.get(DATA, ()):
             if folder not in self.nodes and folder not in TABLES and folder not in self.ours:
-                nodes = self._nodes_on_disk(folder)
+                nodes = nodes_on_disk(self.listing, folder)
                 others |= {f"{node}/{ROOT}": disk.content_of(self.folder / DATA / node / ROOT) or b"" for node in nodes}
         self.root = self.tree.consolidated(others)
         self._put({ROOT: self.root})
 
     def write_manifest(self) -> None:
         """The last act of a run: from now on what differs was changed by somebody else."""
+        if not self.touched:
+            return
+        self.journal.closed()
         own = {f"{DATA}/{path}": data for path, data in {**self.tree.files(), ROOT: self.root}.items()}
         write_manifest(self.folder, own, self.durable)
 
     def free_bytes(self) -> int:
         return shutil.disk_usage(self.folder).free
-
-
-def _is_journal(path: Path) -> bool:
-    """Whether a file begins like a journal of ours."""
-    return re.match(rb'\{"event":"(axes|arrays|start|done|run)"', disk.content_of(path) or b"") is not None

@@ -25,7 +25,11 @@ TOLERANCE = click.option("--tolerance", metavar="T", help="What may be left out 
 NOTHING_LEFT_OUT = click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need.")
 JSON = click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
 SCHEDULER = click.option(
-    "--scheduler", default="threads", show_default=True, metavar="S", help="serial, threads, processes or tcp://host:port."
+    "--scheduler",
+    default="threads",
+    show_default=True,
+    metavar="S",
+    help="serial, threads, processes, distributed (a Dask cluster of this machine for the run), or tcp://host:port.",
 )
 WORKERS = click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli import catalogue, comparisons, exports, runs, stability
+from etendue.cli import catalogue, compacting, comparisons, exports, runs, stability, trust
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -74,7 +74,12 @@ def main() -> None:
     etendue stages                          what is installed
     etendue quantities                      what stages share: f_number, pixel_pitch, ...
     etendue show smallest                   what is in an archive
+    etendue rerun smallest                  run it again into itself, from the archive alone
+    etendue verify smallest                 every byte as it was written? --repair mends it
+    etendue reproduce smallest              compute it again and compare, cell by cell
+    etendue diff smallest other             which cells of two archives differ, by how much, since what
     etendue export smallest --dng           raw files that other converters open
+    etendue compact OLD NEW                 an archive written anew, its axes sorted
     etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
     etendue quality FILE                    every camera of a sweep against the ideal one
     etendue noise FILE                      noise behind every stage, predicted and found
@@ -85,9 +90,10 @@ def main() -> None:
 
 
 for _command in (
-    *(runs.plan, runs.run, runs.archive),
+    *(runs.plan, runs.run, runs.rerun, runs.archive),
     *(catalogue.stages, catalogue.quantities, catalogue.sensors),
     *(comparisons.compare, comparisons.quality, comparisons.noise, comparisons.accuracy),
-    *(stability.stability, exports.export),
+    *(stability.stability, exports.export, compacting.compact),
+    *(trust.verify, trust.reproduce, trust.diff),
 ):
     main.add_command(_command)

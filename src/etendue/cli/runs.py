@@ -54,21 +54,31 @@ def plan(given: Given, as_json: bool) -> None:
     show(print_plan, document)
 
 
+def _how(function: Any) -> Any:
+    """How a run is done: nothing here changes a bit of the result."""
+    for option in (
+        click.option("--quiet", is_flag=True, help="No progress."),
+        click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep."),
+        click.option(
+            "--cell-timeout",
+            type=click.FloatRange(0, min_open=True),
+            metavar="SECONDS",
+            help="A cell that takes longer is stopped and counts as failed. With processes or a cluster only: a thread cannot be stopped.",
+        ),
+        click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform."),
+        click.option("--recompute", is_flag=True, help="Compute again what is already finished."),
+        click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line."),
+        WORKERS,
+        SCHEDULER,
+    ):
+        function = option(function)
+    return function
+
+
 @command("run")
 @pipeline_options
 @click.option("--archive", type=click.Path(path_type=Path), metavar="DIR", help="Where results are kept; default ./<name of the pipeline>.")
-@SCHEDULER
-@WORKERS
-@click.option("--durable", is_flag=True, help="Survive a power cut: fsync every chunk and journal line.")
-@click.option("--recompute", is_flag=True, help="Compute again what is already finished.")
-@click.option("--accept-platform", is_flag=True, help="Go on with cells computed on another platform.")
-@click.option(
-    "--cell-timeout",
-    type=click.FloatRange(0, min_open=True),
-    metavar="SECONDS",
-    help="A cell that takes longer is stopped and counts as failed. With processes or tcp:// only: a thread cannot be stopped.",
-)
-@click.option("--prune", is_flag=True, help="Remove finished results of an archive that this run does not keep.")
+@_how
 @click.option("--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference.")
 @click.option(
     "--hold",
@@ -76,7 +86,6 @@ def plan(given: Given, as_json: bool) -> None:
     metavar="E",
     help="Find the loosest tolerance with which what is wanted stays within E of the reference, and run with it.",
 )
-@click.option("--quiet", is_flag=True, help="No progress.")
 def run(
     given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, measure: bool, hold: float | None,
     quiet: bool, **how: Any,
@@ -100,11 +109,7 @@ def run(
     folder = here / (archive or pipeline.name)
     held = _held(pipeline, hold, folder, options, quiet) if hold is not None else None
     made = _plan(given, quiet or as_json, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
-    if not as_json:
-        from etendue.telling import printable
-
-        for text in made.warnings:
-            click.echo(f"note: {printable(text)}", err=True)
+    _warn(made, as_json)
     measurement = _measurement(made, options, quiet) if measure and not held else None
     outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
     measured = _measured(measurement, folder, made) if measurement and not held else None
@@ -124,6 +129,40 @@ def run(
 
             show(print_global_error, measured)
     sys.exit(3 if outcome.failed else 0)
+
+
+@command("rerun")
+@click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+@_how
+@JSON
+def rerun(folder: Path, as_json: bool, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
+    """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its inputs.
+
+    What is there and right stays; what is missing, damaged, or would come out differently now is computed. Exit codes as those
+    of `run`.
+    """
+    interrupts.say(interrupts.INTACT)
+    folder = Path.cwd() / folder  # a plugin may change it
+    from etendue.archive.again import recorded
+    from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
+    from etendue.session import Options, check_scheduler, check_timeout, execute
+
+    options = Options(check_scheduler(scheduler), workers or 0, **how)
+    check_timeout(options)
+    given = Given(folder)
+    made = _plan(given, quiet or as_json, recorded(folder).pipeline())
+    _warn(made, as_json)
+    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    tell(as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
+    sys.exit(3 if outcome.failed else 0)
+
+
+def _warn(made: Any, as_json: bool) -> None:
+    if not as_json:
+        from etendue.telling import printable
+
+        for text in made.warnings:
+            click.echo(f"note: {printable(text)}", err=True)
 
 
 def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) -> Any:

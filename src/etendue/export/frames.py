@@ -22,11 +22,13 @@ from etendue.archive.describe import describe_archive
 from etendue.archive.journal import read_journal
 from etendue.archive.layout import STATUS, cell_label
 from etendue.archive.provenance import latest_record
+from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError, nearest
 from etendue.spec.units import UnitError, to_unit
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
+MEND = "mend it: etendue verify --repair"
 SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
 
 
@@ -52,13 +54,37 @@ class Frame:
     variable: str
     labels: Mapping[str, Any]  # axis values, and the position along leading dims such as ``frame``
     status: str
+    stored: Stored
 
     def picture(self) -> Any:
-        """The array: (y, x) or (channel, y, x)."""
-        return self.group.data[self.variable].sel(dict(self.labels)).load().to_numpy()
+        """The array: (y, x) or (channel, y, x).
+
+        Raises
+        ------
+        ArchiveError
+            It is missing, or not as it was written: nothing is filled in.
+        """
+        return stored_array(self.stored, self.group.stage, self.group.data, self.variable, self.labels)
 
     def where(self) -> str:
         return ", ".join(f"{dim}={plain(value)}" for dim, value in self.labels.items())
+
+
+def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Mapping[str, Any]) -> Any:
+    """A variable of one cell as the journal vouches for it, at the labels of its other dims."""
+    axes = [str(dim) for dim in data["status"].dims] if "status" in data else []
+    name = cell_label(stage, {dim: labels[dim] for dim in axes})
+    if name not in stored.finished:
+        raise ArchiveError(
+            f"{stored.folder}: the journal does not say that {name} is finished, though its status does; {MEND} {stored.folder}"
+        )
+    try:
+        array = stored.cell(name).read(variable)
+    except ArchiveError as error:
+        raise ArchiveError(f"{stored.folder}: {error}; {MEND} {stored.folder}") from None
+    inner = xarray.DataArray(array, dims=[dim for dim in data[variable].dims if dim not in axes])
+    rest = {str(dim): _values(data[variable], str(dim)).index(labels[str(dim)]) for dim in inner.dims if str(dim) in labels}
+    return inner.isel(rest).to_numpy()
 
 
 def plain(value: Any) -> str:
@@ -83,6 +109,10 @@ class Shelf:
             for found in stage["variables"]:
                 self.variables.setdefault(found["variable"], []).append((stage["name"], found["group"]))
         self.opened: dict[str, xarray.Dataset] = {}
+
+    @cached_property
+    def stored(self) -> Stored:
+        return Stored(self.folder)
 
     @cached_property
     def journal(self) -> Mapping[str, Any]:
@@ -116,7 +146,7 @@ class Shelf:
             for index in product(*(range(len(own)) for own in values)):
                 flag = STATUS[int(status[index[:depth]])] if status is not None else "done"
                 labels = {dim: own[i] for dim, own, i in zip(axes, values, index, strict=True)}
-                found.append(Frame(group, variable, labels, flag))
+                found.append(Frame(group, variable, labels, flag, self.stored))
         there = [frame.labels for frame in found if frame.status != "not_computed"]
         return [f for f in found if f.status != "not_computed" or f.labels not in there]  # another shape of the stage has it
 
@@ -173,8 +203,9 @@ class Shelf:
                 continue
             chosen = data.sel(labels).squeeze([dim for dim in axes if dim not in labels])
             if STATUS[int(chosen["status"])] in FINISHED:
-                array = chosen[variable]
-                return array.sel({dim: frame.labels[str(dim)] for dim in array.dims if dim in frame.labels}).to_numpy()
+                whole = {dim: labels[dim] if dim in labels else _values(data, dim)[0] for dim in axes}
+                inner = {str(dim): frame.labels[str(dim)] for dim in data[variable].dims if dim in frame.labels and dim not in axes}
+                return stored_array(self.stored, stage, data, variable, {**whole, **inner})
         return None
 
     def key(self, frame: Frame) -> str:

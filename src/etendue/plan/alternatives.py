@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from etendue.errors import PluginError, nearest, unprintable
-from etendue.plan.keys import code_digest
+from etendue.plan.code import code_digest
 from etendue.plan.model import Alternative, Axis
 from etendue.plan.parameters import Unfit, expected, resolve
 from etendue.plan.request import Request

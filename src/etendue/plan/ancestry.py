@@ -46,3 +46,13 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
         if (read | seen) & found:
             found.add(node.name)
     return found
+
+
+def in_front(plan: Plan, names: Iterable[str]) -> set[str]:
+    """The names of some nodes and of all nodes whose decisions can change what they write: those they read and those they look at."""
+    found = set(names)
+    for node in reversed(plan.nodes):
+        if node.name in found:
+            found |= {source for bound in node.inputs for _, source, _ in bound}
+            found |= {name for _, _, own in node.looks_at for name in own}
+    return found

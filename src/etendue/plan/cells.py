@@ -6,30 +6,31 @@ Out: cells by reference, in an order in which every cell stands behind what it r
 
 from __future__ import annotations
 
+import gc
 import itertools
-import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 from etendue import effects
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.plan import asking, leave_out, scenes, words
+from etendue.plan import asking, leave_out, scenes
 from etendue.plan.approximate import Seen, choose, open_knobs
+from etendue.plan.forms import Form, output_grid
 from etendue.plan.graph import Graph
-from etendue.plan.keys import code_digest, digest, parameters_digest, version_of
-from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node, chains, is_whole, scene_of
+from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node
 from etendue.plan.quantities import to_be_found
-from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
-from etendue.spec.capabilities import Probe, Sampled, Source, Summed, Transfer, is_random
+from etendue.plan.readings import Reading, reading_of
+from etendue.plan.recipes import Recipes
+from etendue.spec.bounds import beyond
+from etendue.spec.capabilities import Probe, Source, Summed, Transfer
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import Found
-from etendue.spec.grid import Grid, Labels
+from etendue.spec.grid import Grid
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.roles import Noisy
-from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of, writes_of
-from etendue.spec.variables import Declaration
+from etendue.spec.stage import Stage, parameters_of, quantities_of, reads_of, writes_of
 from etendue.telling import plain
 
 
@@ -42,6 +43,7 @@ class Choice:
     precision: str  # auto, float32 or float64
     norm: str = "rms"
     expected: bool = False  # means in the place of draws and rounding
+    versions: Mapping[str, str] = field(default_factory=dict)  # of libraries, in keys, in the place of those that are installed
     computed: frozenset[str] = frozenset()  # stages that are not left out, whatever their bound
 
 
@@ -53,32 +55,23 @@ def expand(
 ) -> tuple[dict[CellRef, Cell], str, float]:
     """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
     expansion = _Expansion(graph, pipeline, choice, told)
-    return expansion.expand(), expansion.precision, expansion.looked
+    collecting = gc.isenabled()
+    gc.disable()  # cells hold no circles, and looking for some through all of them takes a tenth of the time
+    try:
+        return expansion.expand(), expansion.precision, expansion.looked
+    finally:
+        if collecting:
+            gc.enable()
 
 
-def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:
-    """The grid of one output: as given, else each dim from ``creates``, else from what is read."""
-    creates = stage.creates
-    found = {}
-    for dim in declaration.dims:
-        if given is not None and dim in given:
-            found[dim] = given[dim]
-        elif dim in creates:
-            found[dim] = creates[dim]
-        elif dim == "stage" and looks_at:
-            found[dim] = Labels(tuple(dict.fromkeys(name for _, refs in looks_at for name, _ in refs)))
-        else:
-            source = next((g for g in inputs.values() if dim in g), None)
-            if source is None:
-                raise PluginError(asking.lacking(type(stage), dim, declaration.variable))
-            found[dim] = source[dim]
-    grid = Grid.of(found)
-    for dim, coordinate in grid.entries:
-        if coordinate.size > MOST_POINTS:
-            raise ValueError(f"{declaration.variable} has {beyond(coordinate.size, f'points along {dim}', MOST_POINTS, 'make it smaller')}")
-    if grid.count > MOST_VALUES:
-        raise ValueError(f"{declaration.variable} has {beyond(grid.count, 'values in one cell', MOST_VALUES, 'make it smaller')}")
-    return grid
+class Decisions(NamedTuple):
+    """Of a cell."""
+
+    stage: Stage
+    left_out: LeftOut | None
+    approximated: tuple[Approximated, ...]
+    error: tuple[float | None, str]
+    facts: Facts
 
 
 class _Expansion:
@@ -92,14 +85,29 @@ class _Expansion:
         self.cells: dict[CellRef, Cell] = {}
         self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
-        self.words: dict[tuple[str, int], tuple[str, ...]] = {}
-        self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
+        self.refs: dict[CellRef, CellRef] = {}  # each once: a cell stands in the inputs of many
+        self.readings: dict[tuple[str, int], Reading] = {}
+        self.forms: dict[tuple[Any, ...], Form] = {}
+        self.decisions: dict[tuple[Any, ...], Decisions] = {}  # of cells of one stage and form that read what nothing is known of
+        self.grids: dict[Grid, Grid] = {}
+        self.recipes = Recipes(self.cells, self.nodes, pipeline.seed, choice.expected, choice.versions)
         self.chosen: dict[Any, Any] = {}  # stages with their knobs set, by what they were chosen from
         self.faults: dict[str, Fault] = {}
         self.rule = leave_out.Rule(choice.tolerance if choice.leave_out else None, choice.norm)
         self.looked = 0.0  # seconds of looking at scenes that were never seen before
         every = [(node, number, one) for node in graph.nodes for number, one in enumerate(node.alternatives)]
         self.knobs = {(node.name, number): self.open_knobs(node, one) for node, number, one in every}
+
+    def reading(self, node: Node, number: int) -> Reading:
+        known = self.readings.get((node.name, number))
+        if known is None:
+            known = self.readings[node.name, number] = reading_of(node, number, self.nodes)
+        return known
+
+    def ref(self, name: str, index: tuple[int, ...]) -> CellRef:
+        """A reference, the same one for all who read the cell."""
+        ref = (name, index)
+        return self.refs.setdefault(ref, ref)
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
         """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
@@ -204,37 +212,22 @@ class _Expansion:
     def add(self, node: Node, index: tuple[int, ...]) -> None:
         by_dim = dict(zip(node.axes, index, strict=True))
         number = by_dim[node.use_axis] if node.use_axis else 0
-        one = node.alternatives[number]
-        inputs = tuple((port, self.ref(source, by_dim), variable) for port, source, variable in node.inputs[number])
-        stage = self.stage_at(node, number, by_dim, self.found(one, inputs))
-        looks_at = tuple(
-            (port, tuple(self.ref(name, by_dim) for name in names))
-            for port, what, names in node.looks_at
-            if port in reads_of(one.kind) and looks(reads_of(one.kind)[port]) == what
-        )
-        ports, writes = reads_of(one.kind), {**node.writes, **node.optional}
-        whole_grids = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
-        input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole_grids.items() if p in ports}
-        input_facts = {p: self.cells[ref].facts for p, ref, v in inputs if p in ports}
-        mapped = tuple((dim, next(g[dim] for g in whole_grids.values() if dim in g)) for dim in node.mapped)
+        one, reading = node.alternatives[number], self.reading(node, number)
+        inputs = tuple([(port, self.ref(source, at(index)), variable) for port, source, variable, at in reading.inputs])
+        stage = self.stage_at(node, number, by_dim, self.found(one, inputs) if reading.quantities else ())
+        looks_at = tuple([(port, tuple([self.ref(name, at(index)) for name, at in seen])) for port, seen in reading.looks_at])
+        input_facts = {p: self.cells[ref].facts for p, ref, _ in inputs if p in reading.ports}
         try:
-            if node.is_source:
-                facts, declared = self.describe(node, stage)
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids) for v, d in writes.items()}
-            else:
-                declared = asking.grids_of(stage, input_grids)
-                if mapped:
-                    declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(one.kind).values()}
-                grids = {v: output_grid(stage, d, declared.get(v), input_grids, self.seen(node)) for v, d in writes.items()}
-                facts = self.carried(stage, input_facts, input_grids)
-            spared = node.name in self.choice.computed
-            decided = None if spared else self.decide(stage, input_facts, whole_grids, grids, by_dim)
-            approximated: tuple[Approximated, ...] = ()
-            if not decided and self.knobs[node.name, number]:
-                stage, approximated = self.approximate(node, number, stage, inputs, input_facts, input_grids)
-            error_bound = self.error(node, stage, inputs, input_facts, input_grids)
-            facts = self.behind(stage, input_facts, input_grids, facts)
-            seed, open_words = self.seed(node, stage, inputs, looks_at)
+            form = self.form(node, number, stage, inputs)
+            input_grids, grids = form.input_grids, form.grids
+            like = (node.name, id(stage), id(form)) if reading.alike and all(f is UNKNOWN for f in input_facts.values()) else None
+            decisions = self.decisions.get(like) if like else None
+            if decisions is None:
+                decisions = self.decide(node, number, stage, inputs, input_facts, form, by_dim)
+                if like:
+                    self.decisions[like] = decisions
+            stage, decided, approximated, error_bound, facts = decisions
+            seed, open_words = self.recipes.seed(node, stage, inputs, looks_at)
         except PluginError as error:
             self.faults.setdefault(str(error), Fault(node.place, self.by_whom(node, stage, error)))
             return
@@ -243,15 +236,12 @@ class _Expansion:
             text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
             self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
             return
-        if decided:
-            main = next(iter(node.writes))
-            facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
-        fields, key = self.key(node, stage, one, inputs, looks_at, decided, seed, open_words)
+        versions, key = self.recipes.key(node, stage, one, inputs, looks_at, decided, seed, open_words, self.precision)
         cell = Cell(
-            node=node.name, index=index, stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, key_fields=fields,
+            ref=self.ref(node.name, index), stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, versions=versions,
             seed=seed, open_words=open_words, input_grids=input_grids, grids=grids, facts=facts,
             left_out=decided, approximated=approximated, error=error_bound,
-            segment_input=self.segment_input(node, inputs), mapped=mapped,
+            segment_input=self.segment_input(node, inputs), mapped=form.mapped,
         )  # fmt: skip
         self.cells[cell.ref] = cell
 
@@ -261,15 +251,46 @@ class _Expansion:
         one = next((a for a in node.alternatives if a.kind is type(stage)), node.alternatives[0])
         return f"{one.use} of {one.distribution} {one.version}: {error}"
 
-    def ref(self, name: str, by_dim: Mapping[str, int]) -> CellRef:
-        """The cell of a node at this combination; what a probe of transfer functions does not depend on is at its first value."""
-        return (name, tuple(by_dim.get(dim, 0) for dim in self.nodes[name].axes))
+    def form(self, node: Node, number: int, stage: Stage, inputs: Any) -> Form:
+        """The grids of a cell, found once for all cells of the node that read the same ones (and of one stage, where it makes grids)."""
+        ports, own = reads_of(node.alternatives[number].kind), node.is_source or type(stage).grid is not Stage.grid
+        whole = {p: self.cells[ref].grids[v] for p, ref, v in inputs}
+        place = (node.name, number, stage if own else None, *map(id, whole.values()))
+        known = self.forms.get(place)
+        if known is not None:
+            return known
+        input_grids = {p: grid.take(ports[p].dims) if node.mapped else grid for p, grid in whole.items() if p in ports}
+        mapped = tuple((dim, next(g[dim] for g in whole.values() if dim in g)) for dim in node.mapped)
+        if node.is_source:
+            declared, seen = self.describe(node, stage)[1], self.seen(node)
+        else:
+            declared, seen = asking.grids_of(stage, input_grids), self.seen(node)
+        if mapped:
+            declared = {d.variable: declared.get(d.variable, Grid()).replace(**dict(mapped)) for d in writes_of(type(stage)).values()}
+        writes = {**node.writes, **node.optional}
+        grids = {v: output_grid(stage, d, declared.get(v), input_grids, seen) for v, d in writes.items()}
+        grids = {v: self.grids.setdefault(grid, grid) for v, grid in grids.items()}  # one of equal ones: told apart by identity
+        found = self.forms[place] = Form(whole, input_grids, grids, mapped)
+        return found
 
-    def carried(self, stage: Stage, facts: Mapping[str, Facts], grids: Mapping[str, Grid]) -> Facts:
-        return asking.carried(stage, facts, grids)
-
-    def decide(self, stage: Stage, facts: Any, grids_in: Any, grids: Mapping[str, Grid], by_dim: Mapping[str, int]) -> LeftOut | None:
-        return leave_out.decide(self.rule, stage, facts, grids_in, grids, lambda: self.noises(by_dim))
+    def decide(
+        self, node: Node, number: int, stage: Stage, inputs: Any, facts_in: Mapping[str, Facts], form: Form, by_dim: Mapping[str, int]
+    ) -> Decisions:
+        """What a scene's facts decide of a cell, and what is known behind it."""
+        grids_in = form.input_grids
+        facts = self.describe(node, stage)[0] if node.is_source else asking.carried(stage, facts_in, grids_in)
+        left_out = None
+        if node.name not in self.choice.computed:
+            left_out = leave_out.decide(self.rule, stage, facts_in, form.whole_grids, form.grids, lambda: self.noises(by_dim))
+        approximated: tuple[Approximated, ...] = ()
+        if not left_out and self.knobs[node.name, number]:
+            stage, approximated = self.approximate(node, number, stage, inputs, facts_in, grids_in)
+        error = self.error(node, stage, inputs, facts_in, grids_in)
+        facts = self.behind(stage, facts_in, grids_in, facts)
+        if left_out:
+            main = next(iter(node.writes))
+            facts = next((self.cells[ref].facts for _, ref, v in inputs if v == main), facts)
+        return Decisions(stage, left_out, approximated, error, facts)
 
     def noises(self, by_dim: Mapping[str, int]) -> list[Noisy] | None:
         """Every stage that adds noise, as it is at a combination; None where one of them is not known before the run."""
@@ -322,13 +343,6 @@ class _Expansion:
         low, high = spectrum.range_of_light()
         return replace(own, spectrum=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high)
 
-    def parameters(self, stage: Stage) -> str:
-        """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
-        known = self.digests.get(id(stage))
-        if known is None:
-            known = self.digests[id(stage)] = parameters_digest(stage)
-        return known
-
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
@@ -341,69 +355,6 @@ class _Expansion:
             return None
         _, source, variable = inputs[0]
         return self.cells[source].segment_input if len(node.segment) > 1 else (source, variable)
-
-    def key(
-        self, node: Node, stage: Stage, one: Alternative, inputs: Any, looks_at: Any, decided: Any, seed: bytes, open_words: Any
-    ) -> tuple[dict[str, Any], str]:
-        if decided:
-            main = next(iter(node.writes))
-            source = next(ref for _, ref, v in inputs if v == main)
-            return {"left out, same as": f"{source[0]}"}, self.cells[source].key
-        fields: dict[str, Any] = {
-            "stage": one.use,
-            "code": one.digest,
-            "parameters": self.parameters(stage),
-            "inputs": {p: self.cells[ref].key for p, ref, _ in inputs},
-            "precision": self.precision,
-        }
-        averaged = self.choice.expected and isinstance(stage, Sampled)
-        if averaged:
-            fields["expected"] = True
-        libraries = set(stage.libraries) | ({"numpy", "scipy"} if is_random(type(stage)) or node.segment else set())
-        for port, refs in looks_at:
-            if looks(reads_of(one.kind)[port]) == "transfer":
-                libraries |= {"numpy", "scipy"}.union(*(self.cells[ref].stage.libraries for ref in refs))
-        fields["versions"] = {name: version_of(name) for name in sorted(libraries)}
-        if is_random(type(stage)) and not averaged:
-            fields["seed"], fields["name"] = self.pipeline.seed, node.name
-        if "rng" in arguments_of(type(stage)) and not averaged:
-            fields["draws"] = seed.decode()  # values of ancestors count here even where a stage is left out
-            fields["draws found by"] = [f"{w.stage}.{w.name} {self.cells[w.ref].key}" for w in open_words]
-        for port, refs in looks_at:
-            cells = [self.cells[ref] for ref in refs]
-            if looks(reads_of(one.kind)[port]) == "transfer":  # asked of the stages, left out or not
-                fields["inputs"][port] = [[c.node, c.use, code_digest(type(c.stage)), self.parameters(c.stage)] for c in cells]
-                fields["wavelengths"] = [list(c.input_grids[c.inputs[0][0]].bands().edges) for c in cells[:1]]
-                fields["rendered"] = [scene_of(self.cells, c).facts.rendered for c in cells[:1]]
-                fields["chains"] = [chains([c.node for c in cells], self.nodes), [is_whole(self.cells, c) for c in cells]]
-                fields["grids"] = [repr(g) for c in cells for g in c.grids.values()]
-            else:
-                fields["inputs"][port] = [[cell.node, cell.key] for cell in cells]
-        return fields, digest(json.dumps(fields, sort_keys=True).encode())
-
-    def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
-        """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
-        if not is_random(type(stage)) or (self.choice.expected and isinstance(stage, Sampled)):
-            return b"", ()
-        if asking.common_draws(stage):
-            return f"{self.pipeline.seed}|{node.name}|".encode(), ()
-        quantities = quantities_of(type(stage))
-        looked = [self.cells[ref] for _, refs in looks_at for ref in refs]
-        cells = words.behind(self.cells, [*(self.cells[ref] for p, ref, _ in inputs if p not in quantities), *looked])
-        lines = set(self.lines(node.name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
-        found = [(node.name, type(stage), one) for one in inputs if one[0] in quantities]
-        found += [(cell.node, type(cell.stage), one) for cell in cells for one in cell.found]
-        if not found:
-            return words.seed_of(self.pipeline.seed, node.name, lines), ()
-        awaited = tuple(words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found)
-        return "\n".join(sorted(lines)).encode(), awaited
-
-    def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
-        """A stage's words, taken once: it serves many cells."""
-        known = self.words.get((name, id(stage)))
-        if known is None:
-            known = self.words[(name, id(stage))] = words.own_lines(name, stage)
-        return known
 
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
         if node.segment and isinstance(stage, Summed):

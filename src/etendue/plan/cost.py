@@ -1,16 +1,19 @@
 """Cost before running: bytes stored, memory held, seconds expected.
 
-Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer
-functions); the table at the end of a run has the measured ones.
+Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer functions), which is
+what it takes at its defaults, and from the costs of its knobs; the table at the end of a run has the measured ones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from etendue.plan.model import Cell, Node
 from etendue.spec.capabilities import Summed
 from etendue.spec.grid import Grid
+from etendue.spec.parameter import Parameter
+from etendue.spec.stage import Stage, parameters_of
 from etendue.spec.variables import Declaration
 
 LARGEST_WHOLE = 128 << 20  # a variable with wavelength above this is made and stored one band at a time
@@ -42,10 +45,34 @@ def cell_seconds(node: Node, cell: Cell, precision: str) -> float:
     rate = cell.stage.nanoseconds
     if node.segment and cell.inputs:
         grid = cell.input_grids[cell.inputs[0][0]]
-        values = 1.6 * grid.count
+        values = 1.6 * grid.count * gathered_share(cell.stage, grid)
     else:
         values = max([grid.count for grid in cell.grids.values()] + [grid.count / 4 for grid in cell.input_grids.values()])
-    return 5e-5 + 1e-9 * rate * values * (1.0 if precision == "float32" else 1.6)
+    return 5e-5 + 1e-9 * rate * knobs_cost(cell.stage) * values * (1.0 if precision == "float32" else 1.6)
+
+
+def knobs_cost(stage: Stage) -> float:
+    """How many times what it takes at its defaults a stage takes with its settings: the product over knobs of which that is known."""
+    found = 1.0
+    for name, (parameter, _, default) in parameters_of(type(stage)).items():
+        if parameter.costs:
+            found *= _cost(parameter, getattr(stage, name)) / _cost(parameter, default)
+    return found
+
+
+def _cost(parameter: Parameter, value: Any) -> float:
+    """Of a setting, or of the next finer one where a file writes a value between two of them."""
+    if value in parameter.settings:
+        return parameter.costs[parameter.settings.index(value)]
+    falling = parameter.settings[0] > parameter.settings[-1] and parameter.settings[-1] != 0  # ladders of counts may end in 0, all of them
+    finer = (i for i, one in enumerate(parameter.settings) if one != 0 and (value >= one if falling else value <= one))
+    return parameter.costs[next(finer, -1)]
+
+
+def gathered_share(stage: Stage, grid: Grid) -> float:
+    """Of the planes that a stage with a sum over wavelength transforms, of as many as there are bands."""
+    terms = stage.terms() if isinstance(stage, Summed) else 0
+    return min(1.0, terms / grid.bands().size) if terms else 1.0
 
 
 def cell_memory(node: Node, cell: Cell, precision: str) -> int:

@@ -112,18 +112,17 @@ class Approximated:
     bound: float
 
 
-@dataclass
+@dataclass(slots=True)
 class Cell:
-    """One stage at one combination of its axes. Written once by the planner, then only read."""
+    """One stage at one combination of its axes. Written once by the planner, then only read: cells share what is equal in them."""
 
-    node: str
-    index: tuple[int, ...]
+    ref: CellRef
     stage: Stage
     use: str
     inputs: tuple[tuple[str, CellRef, str], ...]  # (port or camera quantity, cell, variable); ports first
     looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
     key: str
-    key_fields: Mapping[str, Any]
+    versions: Mapping[str, str]  # of the libraries that stand in its key
     seed: bytes
     open_words: tuple[Any, ...]  # of its seed: lines whose value a run finds (plan.words.Open), and the closed ones behind them
     input_grids: Mapping[str, Grid]
@@ -136,14 +135,18 @@ class Cell:
     mapped: tuple[tuple[str, Coordinate], ...] = ()  # dims in front of what is written for which the stage is run one by one
 
     @property
+    def node(self) -> str:
+        return self.ref[0]
+
+    @property
+    def index(self) -> tuple[int, ...]:
+        return self.ref[1]
+
+    @property
     def found(self) -> tuple[tuple[str, CellRef, str], ...]:
         """Of its inputs the camera quantities."""
         quantities = quantities_of(type(self.stage))
         return tuple(one for one in self.inputs if one[0] in quantities)
-
-    @property
-    def ref(self) -> CellRef:
-        return (self.node, self.index)
 
     @property
     def bound(self) -> float:

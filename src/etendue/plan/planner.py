@@ -6,6 +6,8 @@ plan = make_plan(read_pipeline(path), installed_stages())
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
@@ -19,14 +21,17 @@ from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Stage, parameters_of
 from etendue.telling import plain
 
+INSTALLED: Mapping[str, str] = MappingProxyType({})
+
 
 def make_plan(
     pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
-    expected: bool = False, computed: frozenset[str] = frozenset(),
+    expected: bool = False, computed: frozenset[str] = frozenset(), versions: Mapping[str, str] = INSTALLED,
 ) -> Plan:  # fmt: skip
     """Check a pipeline and expand it into cells; ``told`` hears how many of how many are planned.
 
     ``expected``: samplers are replaced by their mean, rounding by the identity. ``computed``: stages that are not left out in any cell.
+    ``versions``: of libraries, for the keys an earlier platform would have given.
 
     Raises
     ------
@@ -36,7 +41,7 @@ def make_plan(
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
     try:
         graph = build_graph(pipeline, registry)
-        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, computed)
+        choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, versions, computed)
         cells, precision, looked = expand(graph, pipeline, choice, told)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), error.file) from None
@@ -134,7 +139,7 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "found": node.found or None,
                 "one_by_one": list(node.mapped) or None,
                 "left_out": omissions.left_out(node, cells, plan.precision),
-                "approximated": omissions.approximated(cells),
+                "approximated": omissions.approximated(node, cells, plan.precision),
                 "bytes": sum(cost.cell_bytes(node, c, plan.precision, stored) for c in cells),
                 "seconds": sum(cost.cell_seconds(node, c, plan.precision) for c in cells),
             }

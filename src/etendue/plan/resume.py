@@ -32,6 +32,7 @@ class Work:
     pruned: int = 0  # finished cells removed because it was asked for
     stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
     mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
+    moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, bytes of what was computed
 
 
 def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()) -> Plan:

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from etendue import cache, scenes
-from etendue.plan.keys import code_digest, key_of, parameters_for_key, version_of
+from etendue.plan.code import code_digest
+from etendue.plan.keys import key_of, parameters_for_key, version_of
 from etendue.scenes import light_of
 from etendue.spec.capabilities import Source
 from etendue.spec.facts import Spectrum

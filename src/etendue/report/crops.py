@@ -11,7 +11,7 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+import scipy
 
 from etendue.physics.colour.encoding import srgb_encode
 
@@ -32,7 +32,7 @@ def where_most(pictures: list[Any], side: int) -> tuple[int, int]:
     spread = np.stack([np.asarray(p, np.float64) for p in pictures]).std(axis=0).mean(axis=0)
     rows, columns = spread.shape
     edge = BORDER if min(rows, columns) >= side + 2 * BORDER else 0
-    mean = uniform_filter(spread**2, side, mode="constant")
+    mean = scipy.ndimage.uniform_filter(spread**2, side, mode="constant")
     half = side // 2
     mean = mean[edge + half : rows - edge - (side - half) + 1, edge + half : columns - edge - (side - half) + 1]
     row, column = np.unravel_index(int(np.argmax(mean)), mean.shape)

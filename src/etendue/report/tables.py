@@ -50,6 +50,12 @@ def ledger(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     )  # fmt: skip
     coarser = [", ".join(f"{a.knob} = {a.value}" for a in c.approximated) for c, _ in rows]
     arrays["approximated"] = (("cell",), np.array(coarser, dtype=object), {"long_name": "knobs that the plan has set"})
+    nodes = {node.name: node for node in plan.nodes}
+    saved = [omissions.saved(nodes[c.node], c, plan.precision) for c, _ in rows]
+    arrays["seconds_saved"] = (
+        ("cell",), np.array([math.nan if s is None else s for s in saved]),
+        {"units": "s", "long_name": "thread time that leaving out and approximating is expected to save"},
+    )  # fmt: skip
     arrays["why_left_out"] = (
         ("cell",),
         np.array([c.left_out.why if c.left_out else "" for c, _ in rows], dtype=object),
@@ -62,6 +68,10 @@ def ledger(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     )
     arrays["clipped_flux"] = (
         ("cell",), np.array([r.clipped_flux if r else math.nan for _, r in rows]), {"units": "1", "long_name": "share of flux in it"}
+    )  # fmt: skip
+    arrays["platform"] = (
+        ("cell",), np.array([r.platform if r else "" for _, r in rows], dtype=object),
+        {"long_name": "an earlier platform, on which it was computed, and accepted; empty: that of the record of the run"},
     )  # fmt: skip
     arrays["key"] = (("cell",), np.array([c.key for c, _ in rows], dtype=object), {"long_name": "equal key, equal result"})
     arrays["message"] = (("cell",), np.array([r.message if r else "" for _, r in rows], dtype=object), {"long_name": "what went wrong"})
@@ -96,7 +106,7 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
                 "reused": sum(r.status == "reused" for r in own),
                 "failed": sum(r.status in ("failed", "skipped") for r in own),
                 "left_out": omissions.left_out(node, cells, plan.precision),
-                "approximated": omissions.approximated(cells),
+                "approximated": omissions.approximated(node, cells, plan.precision),
                 "seconds": seconds,
                 "share": seconds / total,
                 "error": max(errors) if errors else None,

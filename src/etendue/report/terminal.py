@@ -10,22 +10,23 @@ import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape as without_markup
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.status import Status
 from rich.table import Table
 
-from etendue.plan.cost import cell_seconds
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
 from etendue.telling import printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+    from rich.status import Status
 
 
 def escape(text: str) -> str:
@@ -61,6 +62,10 @@ def human_seconds(seconds: float) -> str:
     if seconds >= 60:
         return f"{int(seconds // 60)} min {seconds % 60:.0f} s"
     return f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.1f} ms"
+
+
+def human_rate(cells_a_second: float) -> str:
+    return f"{cells_a_second:.0f} cells/s" if cells_a_second >= 10 else f"{cells_a_second:.2g} cells/s"
 
 
 def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) -> Table:
@@ -158,20 +163,19 @@ class TerminalProgress:
 
     def __init__(self, plan: Plan) -> None:
         self.console = Console(stderr=True)
-        self.costs: dict[Any, float] = {}
-        self.plan = plan
         self.progress: Progress | None = None
 
     def begin(self, cells: int) -> None:
         if not self.console.is_terminal or not cells:
             return
-        self.costs = {ref: cell_seconds(self.plan.node(ref[0]), cell, self.plan.precision) for ref, cell in self.plan.cells.items()}
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
         self.progress = Progress(
-            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cells"), TimeElapsedColumn(),
-            TextColumn("left"), TimeRemainingColumn(), console=self.console, transient=True,
+            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("cells {task.fields[rate]}"),
+            TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(), console=self.console, transient=True,
         )  # fmt: skip
         self.progress.start()
-        self.task = self.progress.add_task("starting", total=cells)
+        self.task = self.progress.add_task("starting", total=cells, rate="")
 
     def starting(self, stages: tuple[str, ...]) -> None:
         if self.progress:
@@ -180,6 +184,8 @@ class TerminalProgress:
     def finished(self, reports: tuple[CellReport, ...]) -> None:
         if self.progress:
             self.progress.advance(self.task, len(reports))
+            speed = self.progress.tasks[0].speed  # of late
+            self.progress.update(self.task, rate=human_rate(speed) if speed else "")
 
     def end(self) -> None:
         if self.progress:
@@ -238,6 +244,7 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
         "pruned": outcome.pruned,
         "stays": outcome.stay,
         "mended": outcome.mended,
+        "moved": outcome.moved,
         "floored": floored(outcome.plan, outcome.reports),
         "overexposed": floored(outcome.plan, outcome.reports, "overexposed"),
         "failures": [
@@ -309,6 +316,10 @@ def print_outcome(outcome: Any) -> None:
         console.print(escape(f"was missing or damaged, and is written again: {text}"), soft_wrap=True)
     if len(outcome.mended) > 5:
         console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
+    if outcome.moved.get("copied"):
+        shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
+        what = f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} bytes computed"
+        console.print(f"rewritten: {what}", soft_wrap=True)
     clipped = [r for r in outcome.reports.values() if r.clipped_flux > 0]
     if clipped:
         worst = max(clipped, key=lambda r: r.clipped_flux)
@@ -345,6 +356,9 @@ def print_archive(document: dict[str, Any]) -> None:
     if planned:
         share = f"{100 * finished // planned} %" if finished < planned else "all"
         console.print(f"cells {finished} of {planned} that the last run was asked for ({share})")
+    if document["rate"]:
+        left = "" if document["left"] is None else f", about {human_seconds(max(round(document['left']), 1))} left"
+        console.print(f"pace  {human_rate(document['rate'])} since it began{left}")
     for axis, values in document["axes"].items():
         shown = ", ".join(map(str, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
         console.print(f"axis {axis}: {shown}")

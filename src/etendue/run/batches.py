@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from etendue.errors import refused_by_the_machine
 from etendue.plan.model import CellRef
 from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
@@ -19,6 +20,7 @@ from etendue.run.job import Job
 from etendue.run.order import depth_first
 from etendue.run.ownership import in_its_place
 from etendue.run.segments import Result
+from etendue.run.strips import walked
 from etendue.spec.ports import CellReport
 
 TARGET_SECONDS = 0.1
@@ -43,14 +45,18 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
     batches: list[Batch] = []
     home: dict[CellRef, int] = {}
     behind: dict[tuple[int, ...], int] = {}  # the open batch behind the batches that hold the newest inputs
-    for ref in depth_first(jobs, lambda r: jobs[r].needs):
-        job = jobs[ref]
-        needed = {home[r] for r in job.needs}
+    units = _units(jobs)
+    unit_of = None if len(units) == len(jobs) else {job.ref: unit for unit, members in units.items() for job in members}
+    needs = {unit: _needs(members) for unit, members in units.items()}
+    for unit in depth_first(units, lambda u: needs[u] if unit_of is None else {unit_of[r] for r in needs[u]}):
+        members, refs = units[unit], needs[unit]
+        needed = {home[r] for r in refs}
+        seconds = members[0].seconds if len(members) == 1 else sum(job.seconds for job in members)
         level = max((batches[b].level for b in needed), default=-1)
         newest = tuple(sorted(b for b in needed if batches[b].level == level))
         chosen = None
         for candidate in (*(newest if len(newest) == 1 else ()), behind.get(newest)):
-            if candidate is not None and batches[candidate].seconds + job.seconds <= target_seconds:
+            if candidate is not None and batches[candidate].seconds + seconds <= target_seconds:
                 chosen = candidate
                 break
         if chosen is None:
@@ -58,10 +64,11 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
             batches.append(Batch(chosen, level + 1))
             behind[newest] = chosen
         batch = batches[chosen]
-        batch.jobs.append(job)
-        batch.seconds += job.seconds
-        home[ref] = chosen
-        for r in job.needs:
+        batch.jobs += members
+        batch.seconds += seconds
+        for job in members:
+            home[job.ref] = chosen
+        for r in refs:
             if home[r] != chosen:
                 batch.inputs.add(home[r])
                 known = batch.imports.setdefault(home[r], [])
@@ -72,6 +79,28 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
     return batches
 
 
+def _needs(members: list[Job]) -> tuple[CellRef, ...]:
+    """The cells that a unit reads of others."""
+    if len(members) == 1:
+        return members[0].needs
+    own = {job.ref for job in members}
+    return tuple(dict.fromkeys(r for job in members for r in job.needs if r not in own))
+
+
+def _units(jobs: Mapping[CellRef, Job]) -> dict[CellRef, list[Job]]:
+    """What is computed together, by its first cell: a walk, or a cell alone."""
+    units: dict[CellRef, list[Job]] = {}
+    walks: dict[int, list[Job]] = {}
+    for ref, job in jobs.items():
+        if job.walk is None:
+            units[ref] = [job]
+        elif job.walk.number in walks:
+            walks[job.walk.number].append(job)
+        else:
+            units[ref] = walks[job.walk.number] = [job]
+    return units
+
+
 @dataclass
 class BatchResult:
     """What a batch hands on, and what it has to report."""
@@ -79,6 +108,21 @@ class BatchResult:
     results: dict[CellRef, Result]
     reports: tuple[CellReport, ...]
     kept: dict[CellRef, dict[str, object]]
+
+
+def _ahead(
+    jobs: tuple[Job, ...], first: int, results: Mapping[CellRef, Result], doomed: Mapping[CellRef, str], at: Callable[[int], None] | None
+) -> dict[CellRef, tuple[Result, CellReport]]:
+    """The cells of the walk that begins here, computed together; none where it is not complete, one of them is not to be tried, or one
+    of them does not end well: then each is computed by itself."""
+    walk = jobs[first].walk
+    assert walk is not None
+    members = jobs[first : first + walk.members]
+    complete = len(members) == walk.members and all(job.walk is not None and job.walk.number == walk.number for job in members)
+    if not complete or any(job.ref in doomed for job in members):
+        return {}
+    ended = walked(members, results, None if at is None else lambda member: at(first + member))
+    return {} if ended is None else {job.ref: one for job, one in zip(members, ended, strict=True)}
 
 
 def run_batch(
@@ -104,24 +148,36 @@ def run_batch(
     own = set(exports)
     reports, kept = [], {}
     clock: float | None = None
+    ahead: dict[CellRef, tuple[Result, CellReport]] = {}  # of walks: computed together with a cell before
     with in_its_place():
         for number, job in enumerate(jobs):
             began = time.thread_time() if clock is None else clock
-            if job.ref in doomed:
+            if job.walk is not None and job.ref not in ahead:
+                ahead |= _ahead(jobs, number, results, doomed, at)
+                began = time.thread_time()
+            if job.ref in ahead:
+                result, report = ahead.pop(job.ref)
+            elif job.ref in doomed:
                 result, report = Result(failed=job.ref[0]), CellReport(*job.ref, "failed", message=doomed[job.ref])
             else:
                 if at is not None:
                     at(number)
                 result, report = compute(job, results, began)
-            clock = None if (job.store and job.target) or elsewhere.seconds else began + report.seconds
+            clock = None if job.walk or (job.store and job.target) or elsewhere.seconds else began + report.seconds
             results[job.ref] = result
             reports.append(report)
             if job.ref in deliver:
-                kept[job.ref] = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+                given = result.arrays if job.give is None else {v: a for v, a in result.arrays.items() if v in job.give}
+                kept[job.ref] = given if job.look is None else job.look(given)
+                clock = clock if job.look is None else None  # looking is nobody's run time
             for ref in job.needs:
                 readers[ref] -= 1
                 if readers[ref] == 0 and ref not in own:
                     results.pop(ref, None)
             if not readers.get(job.ref) and job.ref not in own:
                 results.pop(job.ref, None)
+    target = next((job.target for job in reversed(jobs) if job.store and job.target), None)
+    if target is not None:  # one archive for all of them
+        with refused_by_the_machine():
+            target.settle()
     return BatchResult({ref: results[ref] for ref in exports if ref in results}, tuple(reports), kept)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.run.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
-from etendue.run.form import form_of
+from etendue.run.form import Output, form_of
 from etendue.run.found import with_found
 from etendue.run.given import Clipped, arguments
 from etendue.run.job import Job
@@ -29,15 +29,15 @@ from etendue.spec.ports import CellReport
 from etendue.telling import plain, told
 
 
-def check(job: Job, arrays: Any) -> dict[str, Any]:
-    """What a stage gave back, held against its declaration; floats are brought to the plan's precision."""
+def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
+    """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's precision."""
     form, name = form_of(job), type(job.stage).__name__
     if not isinstance(arrays, dict):
         raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
-    if arrays.keys() != form.writes.keys():
+    if arrays.keys() != (form.writes.keys() if outputs is None else {output.variable for output in outputs}):
         raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
     checked, arrays = {}, dict(arrays)
-    for output in form.outputs:
+    for output in form.outputs if outputs is None else outputs:
         variable, wanted = output.variable, output.dtype
         array = arrays.pop(variable)
         if type(array) is not np.ndarray:
@@ -79,7 +79,7 @@ def finite(array: Any) -> bool:
     return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
 
 
-def _undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
+def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
     """NaN for each float array that holds undefined values; refuses those that were not declared."""
     found = {}
     for variable, array in arrays.items():
@@ -111,22 +111,10 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
     try:
         if job.task == "load":
             result, arrays = undisturbed(_load, job, results)
-            result.arrays, result.lowest = arrays, _undefined(job, arrays)
+            result.arrays, result.lowest = arrays, undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
         result, arrays = undisturbed(_made, job, results, clipped)
-        seconds = time.thread_time() - began + elsewhere.seconds
-        written: tuple[Any, ...] = ()
-        if job.target and job.store:
-            given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
-            with refused_by_the_machine():
-                written = job.target.write(given)
-            seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
-            arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
-        result.arrays = {v: arrays[v] for v in job.deliver} if arrays else {}
-        share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
-        status = "left_out" if job.left_out else "done"
-        floored = sum(float(np.nansum(arrays[v])) for v in form_of(job).counted if v in arrays)
-        return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
+        return kept(job, result, arrays, clipped, lambda: time.thread_time() - began + elsewhere.seconds)
     except (MachineError, ArchiveInUse):
         raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run
     except BaseException as error:  # also SystemExit and the like: a stage ends nothing but its own cell
@@ -134,6 +122,23 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             raise
         text = plain(str(error)) if in_words(error) else told(error)
         return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", time.thread_time() - began, message=text)
+
+
+def kept(job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]) -> tuple[Result, CellReport]:
+    """Store what is to be stored of a cell, and leave in its result what others read."""
+    seconds = seconds_of()
+    written: tuple[Any, ...] = ()
+    if job.target and job.store:
+        given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
+        with refused_by_the_machine():
+            written = job.target.write(given)
+        seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
+        arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
+    result.arrays = {v: arrays[v] for v in job.deliver if v in arrays} if arrays else {}
+    share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
+    status = "left_out" if job.left_out else "done"
+    floored = sum(float(np.nansum(arrays[v])) for v in form_of(job).counted if v in arrays)
+    return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
 
 
 def in_words(error: BaseException) -> bool:
@@ -150,7 +155,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
     """What the stage makes of what it reads, checked."""
     if job.mapped and not job.left_out:
         arrays = one_by_one(job, results, clipped, check)
-        return Result(lowest=_undefined(job, arrays)), arrays
+        return Result(lowest=undefined(job, arrays)), arrays
     job = with_found(job, results)
     transfer = form_of(job).transfer
     if transfer:
@@ -161,7 +166,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         if len(arrays) < len(job.writes):  # nothing of the picture changes, but something of it is asked for
             found = _made(replace(job, left_out=False), results, clipped)[1]
             arrays |= {name: array for name, array in found.items() if name not in arrays}
-        return Result(lowest=_undefined(job, arrays)), arrays
+        return Result(lowest=undefined(job, arrays)), arrays
     elif job.by_band:
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
@@ -171,7 +176,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied
         arrays = check(job, held.pop())
-        result.lowest = _undefined(job, arrays)
+        result.lowest = undefined(job, arrays)
     return result, arrays
 
 

@@ -6,6 +6,7 @@ Out: what is to come back, what stands beside the arrays of the ports, and where
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,6 +31,10 @@ class Output:
     shape: tuple[int, ...]
     dtype: Any
     counted: bool
+
+    @property
+    def size(self) -> int:
+        return math.prod(self.shape)
 
 
 class Form:

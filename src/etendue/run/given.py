@@ -70,10 +70,16 @@ def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: 
     _, ref, variable = next(one for one in job.inputs if one[0] == port)
     if array.dtype.kind != "f" or not results[ref].lowest.get(variable, 0.0) < 0:
         return array
-    below = array < 0
-    total = float(np.abs(array).sum(dtype=np.float64))
-    clipped.append((float(below.mean()), float(-array[below].sum(dtype=np.float64)) / total if total else 0.0))
+    below, taken, flux = clipped_figures(array)
+    total = float(flux.sum())
+    clipped.append((below / array.size, float(taken.sum()) / total if total else 0.0))
     return frozen(np.maximum(array, 0))
+
+
+def clipped_figures(array: Any) -> tuple[int, Any, Any]:
+    """How many values are negative; what they and all values amount to in each row: sums over a frame are those over its strips."""
+    taken = -np.minimum(array, 0).sum(axis=-1, dtype=np.float64)
+    return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
 
 
 def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:

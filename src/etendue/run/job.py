@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 from etendue.plan.model import CellRef
 from etendue.plan.words import Open
@@ -65,6 +65,27 @@ class Mapped:
     leading: Mapping[tuple[str, str], tuple[int, ...]]  # which of them lead a (stage, variable) that it depends on
 
 
+class Look(Protocol):
+    """What the caller makes of the arrays of a cell, where they are made."""
+
+    def __call__(self, arrays: Mapping[str, Any]) -> dict[str, Any]: ...
+
+    def gathering(self, variable: str, shape: tuple[int, ...]) -> Any:
+        """What takes the rows of a variable in order, ``take(start, rows)``, and gives what stands in its place, ``made()``; or None."""
+
+
+@dataclass(eq=False)
+class Walk:
+    """Cells of one large frame that are computed together, strip by strip: what only they read is never whole."""
+
+    number: int
+    members: int
+    rows: int  # of a strip
+    whole: tuple[str, ...] = ()  # of what this cell writes: what is kept, or read by others
+    seen: tuple[str, ...] = ()  # of what this cell writes: what the caller only looks at
+    places: Mapping[str, Any] = field(default_factory=dict)  # where the caller wants some of that put; in the caller's process only
+
+
 @dataclass(eq=False)  # written once; freezing it would cost more than making it
 class Job:
     """One cell to compute, or to load because something else reads it.
@@ -95,6 +116,8 @@ class Job:
     waiting: Waiting | None = None
     mapped: Mapped | None = None
     expected: bool = False  # means in the place of draws and rounding
+    walk: Walk | None = None
+    look: Look | None = None  # what the caller makes of what it is given, where that is made
 
     form: Any = field(init=False, default=None, repr=False)  # once somebody asked ``run.form`` for it
 

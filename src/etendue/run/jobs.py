@@ -7,11 +7,13 @@ Out: jobs for these cells and for the stored ones they read.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
-from etendue.run.job import Found, Job, Looking, Mapped, Segment, Waiting
+from etendue.run.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
+from etendue.run.walks import with_walks
 from etendue.spec.capabilities import Banded, Summed
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
@@ -24,11 +26,14 @@ def make_jobs(
     target: Callable[[Cell], Target | None],
     deliver_all: bool = False,
     show: frozenset[CellRef] = frozenset(),
+    place: Callable[[CellRef, str], Any] | None = None,
+    looks: Mapping[CellRef, Look] = MappingProxyType({}),
 ) -> dict[CellRef, Job]:
     """Jobs for the cells to compute and for the stored cells they read, in order.
 
     ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
-    wants to look at.
+    wants to look at; ``looks`` makes of them what it looks at, where they are made; ``place`` says where a variable is to be put that is
+    made strip by strip.
     """
     nodes = {node.name: node for node in plan.nodes}
     direct = {ref: found for ref, cell in plan.cells.items() if (found := _direct(plan, nodes, cell)) is not None}
@@ -104,8 +109,9 @@ def make_jobs(
             looking=_looking(plan, nodes, cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
             mapped=Mapped(cell.mapped, _leading(nodes, cell)) if cell.mapped else None, expected=plan.expected,
+            look=looks.get(ref),
         )  # fmt: skip
-    return jobs
+    return with_walks(jobs, place)
 
 
 def _costs_the_same(cell: Cell, grids: Mapping[str, Grid], input_grids: Mapping[str, Grid], twin: Job) -> bool:

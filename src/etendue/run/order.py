@@ -10,17 +10,18 @@ Key = TypeVar("Key", bound=Hashable)
 
 def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> list[Key]:
     """Keys so ordered that each stands behind all it needs, and a chain is finished before its sibling is begun."""
-    before = {key: set(needs(key)) for key in keys}
-    waiting = {key: len(others) for key, others in before.items()}
+    waiting: dict[Key, int] = {}
     readers: dict[Key, list[Key]] = {}
-    for key, others in before.items():
+    for key in keys:
+        others = set(needs(key))
+        waiting[key] = len(others)
         for other in others:
             readers.setdefault(other, []).append(key)
-    order, ready = [], [key for key in reversed(before) if not waiting[key]]
+    order, ready = [], [key for key in reversed(waiting) if not waiting[key]]
     while ready:
         key = ready.pop()
         order.append(key)
-        for reader in reversed(readers.get(key, [])):
+        for reader in reversed(readers.pop(key, [])):
             waiting[reader] -= 1
             if not waiting[reader]:
                 ready.append(reader)

@@ -12,7 +12,8 @@ from typing import Any
 
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
-from etendue.run.cluster import run_on_cluster
+from etendue.run.cluster.alike import Mark, Platform
+from etendue.run.cluster.connect import OWN, run_on_cluster
 from etendue.run.watch import Stop
 from etendue.run.workers import Crew
 
@@ -40,16 +41,19 @@ def run_parallel(
     workers: int,
     stop: Stop | None = None,
     cell_timeout: float | None = None,
+    platform: Platform = dict,
+    mark: Mark | None = None,
 ) -> None:
     """Run the graph; ``before`` and ``after`` are told in the owner's process as batches start and end.
 
-    With processes the threads of the graph wait each for a process of its own, which may die.
+    With processes the threads of the graph wait each for a process of its own, which may die. ``platform`` and ``mark`` say who may
+    compute on a cluster: what gives the bits they depend on, and a file that all must see.
     """
     if not batches:
         return
     stop = stop or Stop()
-    if scheduler.startswith(("tcp://", "tls://")):
-        run_on_cluster(batches, deliver, before, after, scheduler, stop, cell_timeout)
+    if scheduler == OWN or scheduler.startswith(("tcp://", "tls://")):
+        run_on_cluster(batches, deliver, before, after, scheduler, workers, stop, cell_timeout, platform, mark)
         return
     if scheduler == "processes":
         with Crew(workers, stop, cell_timeout) as crew:

@@ -20,6 +20,8 @@ from etendue.spec.stage import Stage, state_of
 from etendue.telling import foreign
 
 LARGEST_CACHE = 256 << 20
+LARGEST_PATTERN = LARGEST_CACHE // 4  # bytes of the pattern of a frame: of a larger one strips are not kept, none would be found again
+LARGEST_SHARED = 1 << 18  # pixels up to which a pattern is kept beside what is made of it, for another strength of it
 
 
 class Key:
@@ -91,11 +93,16 @@ def _size(value: Any, depth: int = 6) -> int:
 TABLES = Cache(LARGEST_CACHE)
 
 
+def _made_anew(key: Any, make: Callable[[], Any]) -> Any:
+    return make()
+
+
 class SensorRandom:
     """Random numbers that belong to the pixels, rows and columns of one sensor: the same in every cell, frame and window."""
 
-    def __init__(self, words: bytes, grid: Grid, precision: str) -> None:
+    def __init__(self, words: bytes, grid: Grid, precision: str, keep: bool = True) -> None:
         self.words, self.rows, self.columns, self.precision = words, grid.line("y"), grid.line("x"), precision
+        self._made = TABLES.get if keep else _made_anew
 
     def normal(self, stream: str) -> Any:
         """(y, x) standard normals for a named stream such as ``"prnu"``."""
@@ -103,17 +110,23 @@ class SensorRandom:
 
     def spread(self, stream: str, rms: float) -> Any:
         """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of a stream. Made once."""
+        spans = (*self._span(self.rows), *self._span(self.columns))
 
         def make() -> Any:
-            pattern = self.normal(stream)
-            factor = pattern * pattern.dtype.type(rms)
+            if self.rows.size * self.columns.size <= LARGEST_SHARED:
+                pattern = self.normal(stream)
+                factor = pattern * pattern.dtype.type(rms)
+            else:
+                factor = sensor_normal(
+                    self.words + b"|" + stream.encode(), spans[0], spans[2], spans[1], spans[3], np.dtype(self.precision)
+                )
+                factor *= factor.dtype.type(rms)
             factor += 1
             np.maximum(factor, 0, out=factor)
             factor.flags.writeable = False
             return factor
 
-        spans = (*self._span(self.rows), *self._span(self.columns))
-        return TABLES.get(("sensor spread", self.words, stream, rms, spans, self.precision), make).view()
+        return self._made(("sensor spread", self.words, stream, rms, spans, self.precision), make).view()
 
     def uniform(self, stream: str) -> Any:
         """(y, x) uniforms, 0 <= u < 1."""
@@ -139,7 +152,7 @@ class SensorRandom:
             pattern.flags.writeable = False
             return pattern
 
-        return TABLES.get(("sensor", draw.__name__, words, spans, self.precision), make).view()
+        return self._made(("sensor", draw.__name__, words, spans, self.precision), make).view()
 
 
 def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:

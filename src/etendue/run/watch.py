@@ -62,7 +62,7 @@ def watched(work: Callable[[], None], stop: Stop) -> None:
         until = time.monotonic() + GRACE
         while worker.is_alive() and time.monotonic() < until:
             worker.join(LOOK)
-        stop.abandoned = worker.is_alive()
+        stop.abandoned = stop.abandoned or worker.is_alive()
         raise
     if broke:
         raise broke[0]

@@ -24,7 +24,6 @@ from typing import Any
 
 import cloudpickle
 
-from etendue import spectra
 from etendue.errors import EtendueError, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
@@ -79,8 +78,6 @@ def serve(pipe: Any) -> None:
             os._exit(0)  # a thread that a plugin has left behind holds nobody up
         try:
             jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
-            if any("colour-science" in job.stage.libraries for job in jobs):
-                spectra.load_library()  # seconds of imports on a busy machine are nobody's run time
             result = run_batch(
                 jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: pipe.send_bytes(f"@{number}".encode())
             )
@@ -175,7 +172,7 @@ class Crew:
     """So many places for workers. A worker is started when a place needs one, and stays there."""
 
     def __init__(self, places: int, stop: Stop, cell_timeout: float | None = None) -> None:
-        _quiet_tracker()
+        quiet_tracker()
         self.stop, self.limit = stop, cell_timeout
         self.free: queue.LifoQueue[Worker | None] = queue.LifoQueue()
         for _ in range(places):
@@ -234,7 +231,7 @@ class Crew:
                 self.free.put(worker)
 
 
-def _quiet_tracker() -> None:
+def quiet_tracker() -> None:
     """Python's tracker of what processes share clears up behind a worker that was killed, and is to say nothing of it."""
     option = "ignore:resource_tracker:UserWarning"
     sys.warnoptions.append(option)

@@ -12,7 +12,7 @@ import dataclasses
 import inspect
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from etendue.spec.facts import Facts
@@ -75,6 +75,27 @@ class Banded(Stage):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Haloed(Stage):
+    """A stage of which every row follows from the rows near it: ``run`` may be given some rows of a frame, and gives them the same bits.
+
+    What it reads with rows, and ``y`` and its like, is cut; all else (tables, figures) is whole. Random numbers must be asked for once,
+    in the order of the rows, and only without a halo. Strips begin on even rows, and hold as many rows as the halo has at least.
+    """
+
+    def halo(self) -> int | None:
+        """Rows above and below that a row depends on; None: with these parameters on the whole frame."""
+        return 0
+
+    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+        """What is written without rows, from what was given for each strip; ``sizes``: values of a strip's first variable. The same
+        for all strips, unless a stage without a halo says otherwise."""
+        apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
+        if apart:
+            raise ValueError(f"{type(self).__name__} gives some rows another {', '.join(apart)} than others: write joined()")
+        return {name: values[0] for name, values in parts.items()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Bounded(Stage):
     """A stage that may be left out where it does little: it reads and writes the same variable on the same grid."""
 
@@ -122,7 +143,7 @@ class Viewed(Stage):
 
 CAPABILITIES = {
     "describe": Source, "transfer": Transfer, "weights": Summed, "by_band": Banded, "negligible": Bounded,
-    "viewing_white": Viewed, "mean": Sampled,
+    "viewing_white": Viewed, "mean": Sampled, "halo": Haloed, "joined": Haloed,
 }  # fmt: skip
 
 
@@ -173,6 +194,28 @@ def is_source(kind: type[Stage]) -> bool:
 
 def is_transfer(kind: type[Stage]) -> bool:
     return issubclass(kind, Transfer)
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two plain figures are the same; what is undefined equals itself."""
+    same = (one == other) | ((one != one) & (other != other))
+    return bool(same.all() if hasattr(same, "all") else same)
+
+
+def halo_of(stage: Stage) -> int | None:
+    """Rows above and below that a row of what a stage writes depends on; None: on the whole frame, as far as is known."""
+    kind = type(stage)
+    if isinstance(stage, Haloed):
+        rows = stage.halo()
+        if rows is not None and (isinstance(rows, bool) or not isinstance(rows, int) or rows < 0):
+            raise TypeError(f"{kind.__name__}.halo gives {rows!r}; expected a whole number of rows from 0, or None")
+        return None if rows and is_random(kind) else rows
+    return 0 if kind.elementwise and not is_random(kind) else None
+
+
+def joins_figures(stage: Stage) -> bool:
+    """Whether what a stage writes without rows is known only when all rows are there."""
+    return isinstance(stage, Haloed) and type(stage).joined is not Haloed.joined
 
 
 def ends_in_sum(kind: type[Stage]) -> bool:

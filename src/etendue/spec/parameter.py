@@ -27,6 +27,7 @@ class Parameter:
     fidelity: bool = False
     reference: str = ""
     settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order
+    costs: tuple[float, ...] = ()  # of the stage with each of its settings, relative to one of them; none where nobody has measured them
     studied: bool = False  # of a fidelity parameter: it changes a grid, what a scene shows or an interval; studies vary it, no plan does
     dear: bool = False  # of a fidelity parameter: settings finer than its default may not be had; no plan chooses them, and no reference
     exact: bool = False  # of a fidelity parameter: its reference leaves nothing out, though it is neither 0 nor without end
@@ -80,6 +81,8 @@ def param(default: Any = MISSING, **allowed: Any) -> Any:
         raise TypeError("only a fidelity parameter has settings or is studied: param(..., fidelity=True, reference='...', settings=(...))")
     if parameter.settings and not _lies_within(default, parameter.settings):
         raise TypeError(f"settings go from the cheapest to the reference, the default {default!r} among them; got {parameter.settings}")
+    if parameter.costs and (len(parameter.costs) != len(parameter.settings) or not all(cost > 0 for cost in parameter.costs)):
+        raise TypeError(f"costs are numbers above 0, one for each of {len(parameter.settings)} settings; got {parameter.costs}")
     return (
         dataclasses.field(default=default, metadata={"parameter": parameter})
         if default is not MISSING

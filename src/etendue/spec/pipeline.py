@@ -16,6 +16,7 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError, nearest, unprintable
 from etendue.spec import camera
+from etendue.spec.about import About, read_about
 from etendue.spec.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
 from etendue.spec.names import LONGEST, unfit_stage
 from etendue.spec.presets import preset
@@ -23,7 +24,7 @@ from etendue.spec.units import as_written
 
 TOP = (
     "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
-    "requires", "most_cells",
+    "requires", "most_cells", "about",
 )  # fmt: skip
 
 
@@ -59,6 +60,7 @@ class Pipeline:
     most_cells: int = MOST_CELLS  # a sweep of more is refused
     variant: str = ""
     description: str = ""
+    about: About = field(default_factory=About)
     file: str = ""
     folder: Path = Path(".")
     text: str = ""
@@ -194,7 +196,7 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
         stages = document.get("stages")
         entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []
         named = {str(s.get("name", s.get("use"))): (n, s) for n, s in entries}
-        if head in ("camera", "sweep") and tail:
+        if head in ("camera", "sweep", "about") and tail:
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, found later
             document[head][tail] = value
@@ -298,6 +300,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         most_cells=most_cells,
         variant=text_of("variant", ""),
         description=text_of("description", ""),
+        about=read_about(document.get("about", {}), faults),
         file=file,
         faults=tuple(faults),
         whole=whole,

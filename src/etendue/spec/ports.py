@@ -16,13 +16,16 @@ if TYPE_CHECKING:
     from etendue.plan.resume import Work
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Written:
-    """One chunk file: its path below the archive, its size and the digest of its bytes."""
+    """One stored chunk: its slot in a shard, and where its bytes were put when it was written."""
 
-    path: str
+    path: str  # of the shard, below the archive
+    slot: int  # number of the chunk in the shard
+    part: str  # name of the unfinished file beside the shard that the bytes were appended to
+    offset: int
     size: int
-    digest: str
+    digest: int  # crc32c, which stands behind the bytes as well
 
 
 class Target(Protocol):
@@ -33,6 +36,9 @@ class Target(Protocol):
     def read(self, variable: str) -> Any: ...
 
     def read_band(self, variable: str, band: int) -> Any: ...
+
+    def settle(self) -> None:
+        """Called behind the last cell of a batch: what was written stands in its files before it is reported."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,8 @@ class CellReport:
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
-    floored: float = 0.0  # sum of the variables that are counted
+    floored: float = 0.0
+    platform: str = ""  # an earlier one, on which it was computed and accepted  # sum of the variables that are counted
 
 
 class Progress(Protocol):
@@ -80,11 +87,13 @@ class Keeper(Protocol):
     folder : where, if anywhere
     keeps_arrays : whether it takes the arrays of all cells from ``finished``; else from their ``target``
     draws : whether pictures are made of the shown cells
+    mark : once begun, a file that all who write the results must see, and what it holds; None where nothing is written
     """
 
     folder: Path | None
     keeps_arrays: bool
     draws: bool
+    mark: tuple[str, bytes] | None
 
     def __enter__(self) -> Keeper: ...
 
@@ -93,6 +102,9 @@ class Keeper(Protocol):
     def begin(self, asked: Plan) -> Work: ...
 
     def target(self, cell: Cell) -> Target | None: ...
+
+    def place(self, ref: CellRef, variable: str) -> Any:
+        """Where a variable that is made piece by piece may be put at once, an array to be filled; None: it is taken when it is whole."""
 
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 

@@ -1,24 +1,18 @@
-"""Spectral tables as bin means: lights, eyes, cameras, displays, test charts. colour-science is imported late, here only."""
+"""Spectral tables as bin means: lights, eyes, cameras, displays, test charts. Those of colour-science are shipped."""
 
 from etendue.discovery import spectrum
+from etendue.spectra.authority import colour_version
 from etendue.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv
 from etendue.spectra.ends import cut_off_note, held_in_the_infrared, held_note
 from etendue.spectra.library import (
-    adaptation_matrix,
     camera_rows,
     camera_sensitivity,
     colorchecker,
     colour_matching,
-    colour_version,
     cone_fundamentals,
     display_primaries,
     illuminant,
-    load_library,
     luminous_efficiency,
-    rgb_space_matrix,
-    rgb_space_primaries,
-    rgb_space_white,
-    white_chromaticity,
     xyz_to_lms_matrix,
 )
 from etendue.spectra.luminance import (
@@ -31,13 +25,14 @@ from etendue.spectra.luminance import (
     unmeasured_share,
 )
 from etendue.spectra.names import camera_range, check_camera, check_illuminant, check_rgb_space, rgb_space_names
+from etendue.spectra.spaces import adaptation_matrix, rgb_space_matrix, rgb_space_primaries, rgb_space_white, white_chromaticity
 from etendue.spectra.upsampling import srgb_to_xyz, upsampling_basis
 
 __all__ = [
     "Edges", "FloatArray", "adaptation_matrix", "camera_range", "camera_rows", "camera_sensitivity", "check_camera", "check_illuminant",
     "check_luminance", "check_rgb_space", "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "csv_rows",
     "cut_off_note", "display_primaries", "held_in_the_infrared", "held_note", "illuminant", "light_of_luminance", "light_of_radiance",
-    "load_library", "luminance_notes", "luminance_of", "luminous_efficiency", "rendered_share", "require_rows", "rgb_space_matrix",
+    "luminance_notes", "luminance_of", "luminous_efficiency", "rendered_share", "require_rows", "rgb_space_matrix",
     "rgb_space_names", "rgb_space_primaries", "rgb_space_white", "spectrum", "srgb_to_xyz", "table_from_csv", "unmeasured_share",
     "upsampling_basis", "white_chromaticity", "xyz_to_lms_matrix",
 ]  # fmt: skip

@@ -1,96 +1,28 @@
-"""Tables and matrices of colour-science, as bin means. The one module that imports it, at the first call that needs it.
+"""Spectral tables as bin means: lights, observers, cameras, displays, a test chart.
 
 In:  the name of a table and the bin edges of a wavelength axis (n + 1 ascending values, nm).
 Out: plain float64 arrays, read-only where they are cached.
-Sources: the data and matrices of colour-science; CIE 15:2018 for interpolation.
+Sources: the data of colour-science (`shipped`); CIE 15:2018 for interpolation.
 
 The interpolant runs through
 
 - the rows themselves for light sources, as CIE 15 asks for its illuminants, and for displays:
   a smooth curve overshoots their lines (Sprague lifts the Apple display's green peak from 1.58 to 1.71);
-- for smooth tables (matching functions, cones, cameras, reflectances) values at 1 nm, to which Sprague's
-  quintic leads where the table is coarser. What it puts below 0 beside steep feet (at most 1.4e-4 of a
-  channel's area) is set to 0.
+- for smooth tables (matching functions, cones, cameras, reflectances) values at 1 nm (`authority`).
 """
 
-import importlib.metadata
-import sys
-import warnings
-from collections.abc import Mapping
 from functools import lru_cache
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from etendue.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
 from etendue.discovery import spectrum
-from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, require_name, table_from_csv, with_reach
-from etendue.spectra.kept import kept
+from etendue.spectra import shipped
+from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, table_from_csv, with_reach
 from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, state_of
 
 SECOND_RADIATION_CONSTANT = PLANCK * SPEED_OF_LIGHT / BOLTZMANN * 1e9  # nm K
 PLANCK_REFERENCE = 560.0  # nm; where a Planck spectrum is 100, as CIE illuminant A is
-UNWANTED_WARNING = "related API features are not available"
-
-
-# ---------------------------------------------------------------------------------------------- the library
-
-
-def colour_version() -> str:
-    """Version of the installed colour-science, read without importing it."""
-    return importlib.metadata.version("colour-science")
-
-
-def load_library() -> None:
-    """Import colour-science now, where it is known that a table will be asked for."""
-    colour_science()
-
-
-@lru_cache(maxsize=1)
-def colour_science() -> ModuleType:
-    """colour-science, imported late, without its remarks about optional packages we do not use.
-
-    A file ``colour.py`` beside a user's script would be taken for it: folders with one are not looked in.
-    """
-    kept = sys.path[:]
-    sys.path[:] = [folder for folder in kept if not Path(folder, "colour.py").is_file()]
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            import colour
-    finally:
-        sys.path[:] = kept
-    for entry in caught:
-        unwanted = issubclass(entry.category, colour.utilities.ColourUsageWarning)
-        if not (unwanted and UNWANTED_WARNING in str(entry.message)):
-            warnings.warn_explicit(entry.message, entry.category, entry.filename, entry.lineno)
-    return colour
-
-
-def lookup(table: Mapping[str, Any], name: str, kind: str, besides: str = "") -> Any:
-    """``table[name]`` for an exact name, or ValueError with the nearest names that exist."""
-    require_name(name, table.keys(), kind, besides)
-    return table[name]
-
-
-def rows_of(table: Any) -> tuple[FloatArray, FloatArray]:
-    return np.array(table.wavelengths, dtype=np.float64), np.array(table.values, dtype=np.float64)
-
-
-def smooth_rows(table: Any) -> tuple[FloatArray, FloatArray]:
-    """Rows of a smooth table at 1 nm: Sprague where the table is uniform and coarser, else as they are."""
-    nodes, values = rows_of(table)
-    steps = np.diff(nodes)
-    if not np.allclose(steps, steps[0], rtol=1e-9) or steps[0] <= 1.0 or len(nodes) < 6:
-        return nodes, values
-    fine = np.linspace(nodes[0], nodes[-1], round(nodes[-1] - nodes[0]) + 1)
-    columns = values.reshape(len(nodes), -1).T
-    curves = np.stack([colour_science().SpragueInterpolator(nodes, column)(fine) for column in columns], axis=1)
-    if values.min() >= 0:
-        curves = np.maximum(curves, 0.0)
-    return fine, curves.reshape((len(fine), *values.shape[1:]))
 
 
 # ----------------------------------------------------------------------------------------------------- light
@@ -151,7 +83,7 @@ def illuminant_rows(name: str) -> tuple[FloatArray, FloatArray]:
         if len(columns) > 1:
             raise ValueError(f"the illuminant {name!r} has columns {', '.join(columns)}; a light has one")
         return nodes, values[:, 0]
-    return rows_of(lookup(colour_science().SDS_ILLUMINANTS, name, "illuminant", COMPUTED_ILLUMINANTS))
+    return shipped.curve("illuminant", name, COMPUTED_ILLUMINANTS)
 
 
 def _planck(temperature: float, edges: tuple[float, ...]) -> FloatArray:
@@ -206,7 +138,7 @@ def cone_fundamentals(edges: Edges) -> FloatArray:
 
 @lru_cache(maxsize=128)
 def observer(name: str, edges: tuple[float, ...]) -> FloatArray:
-    return frozen(bin_means(*smooth_rows(colour_science().MSDS_CMFS[name]), edges, "zero"))
+    return frozen(bin_means(*shipped.curve("observer", name), edges, "zero"))
 
 
 def xyz_to_lms_matrix(edges: Edges) -> FloatArray:
@@ -279,11 +211,8 @@ def camera_sensitivity(name: str, edges: Edges) -> tuple[tuple[str, ...], FloatA
 
 @lru_cache(maxsize=128)
 def _camera_sensitivity(name: str, edges: tuple[float, ...]) -> FloatArray:
-    def found() -> FloatArray:
-        table = lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera")
-        return bin_means(*with_reach(rows_of(table)[0], *smooth_rows(table)), edges, "zero")
-
-    return frozen(kept(("camera", name, edges), found))
+    rows = shipped.curve("camera", name)[0]
+    return frozen(bin_means(*with_reach(rows, *shipped.curve("smooth camera", name)), edges, "zero"))
 
 
 def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
@@ -291,7 +220,7 @@ def camera_rows(name: str) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     if spectrum(name):
         columns, nodes, values = csv_rows(name)
         return tuple(columns), nodes, values
-    return ("R", "G", "B"), *rows_of(lookup(colour_science().MSDS_CAMERA_SENSITIVITIES, name, "camera"))
+    return ("R", "G", "B"), *shipped.curve("camera", name)
 
 
 def display_primaries(name: str, edges: Edges) -> FloatArray:
@@ -317,8 +246,7 @@ def display_primaries(name: str, edges: Edges) -> FloatArray:
 
 @lru_cache(maxsize=128)
 def _display_primaries(name: str, edges: tuple[float, ...]) -> FloatArray:
-    table = lookup(colour_science().MSDS_DISPLAY_PRIMARIES, name, "display")
-    return frozen(bin_means(*rows_of(table), edges, "zero"))
+    return frozen(bin_means(*shipped.curve("display", name), edges, "zero"))
 
 
 def colorchecker(edges: Edges) -> tuple[list[str], FloatArray]:
@@ -344,61 +272,6 @@ def colorchecker(edges: Edges) -> tuple[list[str], FloatArray]:
 
 @lru_cache(maxsize=32)
 def _colorchecker(edges: tuple[float, ...]) -> tuple[tuple[str, ...], FloatArray]:
-    patches = colour_science().SDS_COLOURCHECKERS["BabelColor Average"]
-    means = [bin_means(*smooth_rows(table), edges, "hold") for table in patches.values()]
-    return tuple(patches), frozen(means)
-
-
-# -------------------------------------------------------------------------------------------- 3 x 3 matrices
-
-
-def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
-    """RGB to XYZ matrix (3, 3) and white point xy (2,) of a space in ``colour.RGB_COLOURSPACES``.
-
-    The matrix is the one the standard prints, so for "sRGB" it has four digits. Unknown names raise
-    ValueError.
-    """
-    space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
-    return frozen(space.matrix_RGB_to_XYZ), frozen(space.whitepoint)
-
-
-def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tuple[float, float]]:
-    """Chromaticities xy of red, green, blue, and of the white, of a space in ``colour.RGB_COLOURSPACES``.
-
-    Unknown names raise ValueError.
-    """
-    space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
-    primaries = tuple((float(x), float(y)) for x, y in np.asarray(space.primaries).reshape(3, 2))
-    return primaries, (float(space.whitepoint[0]), float(space.whitepoint[1]))
-
-
-def rgb_space_white(name: str) -> str:
-    """Name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own name where it is of no other.
-
-    A white counts as an illuminant's where its chromaticity is the published one.
-    """
-    space = lookup(colour_science().RGB_COLOURSPACES, name, "RGB space")
-    published = _published_white(str(space.whitepoint_name))
-    own = (float(space.whitepoint[0]), float(space.whitepoint[1]))
-    return str(space.whitepoint_name) if published == own else name
-
-
-def white_chromaticity(name: str) -> tuple[float, float] | None:
-    """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light that has none."""
-    if name in list(colour_science().RGB_COLOURSPACES):
-        return rgb_space_primaries(name)[1]
-    return _published_white(name)
-
-
-def _published_white(name: str) -> tuple[float, float] | None:
-    known = colour_science().CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]
-    return (float(known[name][0]), float(known[name][1])) if name in list(known) else None
-
-
-def adaptation_matrix(name: str) -> FloatArray:
-    """XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", "CAT16", ...
-
-    Any name in ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; others raise ValueError.
-    """
-    transforms = colour_science().adaptation.CHROMATIC_ADAPTATION_TRANSFORMS
-    return frozen(lookup(transforms, name, "adaptation transform"))
+    patches = tuple(shipped.names("patch"))
+    means = [bin_means(*shipped.curve("patch", name), edges, "hold") for name in patches]
+    return patches, frozen(means)

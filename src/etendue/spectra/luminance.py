@@ -10,9 +10,11 @@ from functools import lru_cache
 import numpy as np
 
 from etendue.constants import LUMINOUS_EFFICACY
+from etendue.spectra import shipped
+from etendue.spectra.authority import OBSERVERS
 from etendue.spectra.bins import Edges, FloatArray, checked_edges
 from etendue.spectra.ends import CONSEQUENCE
-from etendue.spectra.library import colour_science, illuminant, illuminant_rows, planck_power, rows_of
+from etendue.spectra.library import illuminant, illuminant_rows, planck_power
 from etendue.spectra.names import COMPUTED, EYE, MOST_OF_IT, line_of, range_of, state_of
 
 UNMEASURED = 0.01  # share of the luminance that may hang on an end value held
@@ -94,7 +96,7 @@ def _luminance_of(name: str, lowest: float, highest: float, state: tuple[int, in
 @lru_cache(maxsize=1)
 def _efficiency() -> tuple[FloatArray, FloatArray]:
     """Wavelengths (nm) and values of V(lambda), y-bar of the CIE 1931 2 degree observer."""
-    nodes, values = rows_of(colour_science().MSDS_CMFS["CIE 1931 2 Degree Standard Observer"])
+    nodes, values = shipped.curve("observer", OBSERVERS[0])
     return nodes, values[:, 1]
 
 

@@ -10,8 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from etendue.spectra import shipped
+from etendue.spectra.authority import BASIS
 from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, frozen
-from etendue.spectra.library import colour_matching, colour_science, rows_of, smooth_rows, span
+from etendue.spectra.library import colour_matching, span
 from etendue.spectra.names import EYE
 
 # ------------------------------------------------------------------------------------- RGB to reflectance
@@ -54,7 +56,7 @@ def srgb_to_xyz(edges: Edges) -> FloatArray:
 @lru_cache(maxsize=32)
 def _srgb_to_xyz(edges: tuple[float, ...]) -> FloatArray:
     white = _d65_weights(edges).sum(axis=0)
-    x, y = np.asarray(colour_science().RGB_COLOURSPACES["sRGB"].primaries, dtype=np.float64).reshape(3, 2).T
+    x, y = shipped.space("sRGB")["primaries"].T
     primaries = np.stack([x / y, np.ones(3), (1.0 - x - y) / y])
     return frozen(primaries * np.linalg.solve(primaries, white))
 
@@ -64,7 +66,7 @@ def _d65_weights(edges: tuple[float, ...]) -> FloatArray:
 
     For all that an eye sees: what is beyond counts as dark, so that an axis to 1100 nm can show photographs.
     """
-    nodes, values = rows_of(colour_science().SDS_ILLUMINANTS["D65"])
+    nodes, values = shipped.curve("illuminant", "D65")
     power = bin_means(nodes, values, edges, "hold") * np.diff(edges)
     weights = power[:, None] * colour_matching(edges)
     return weights / weights[:, 1].sum()
@@ -106,7 +108,7 @@ def upsampling_basis(edges: Edges) -> FloatArray:
 @lru_cache(maxsize=32)
 def _upsampling_basis(edges: tuple[float, ...]) -> FloatArray:
     axis = whole_axis(edges)
-    nodes, values = smooth_rows(colour_science().recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019)
+    nodes, values = shipped.curve("basis", BASIS)
     raw = bin_means(nodes, values, axis, "hold")
     raw = raw / raw.sum(axis=1, keepdims=True)
     response = _d65_weights(axis).T @ raw

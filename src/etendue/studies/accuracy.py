@@ -276,8 +276,10 @@ class _Study:
         used = [t for t in trials if not t.why]
         shown = [t.setting(knob) for t in used]
         finite = not knob.closed_form and len(used) > 1
-        counted = len(used) - 2 if finite else len(used)  # one refinement before a finite reference shows half of its error
-        law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]])
+        last = shown[-1] if finite and isinstance(shown[-1], int | float) and not isinstance(shown[-1], bool) and shown[-1] > 0 else None
+        power = last is not None and last < shown[0]  # of a width: what a finite reference lacks itself is known from the law
+        counted = len(used) - (0 if not finite else 1 if power else 2)  # else one refinement before it shows half of its error
+        law = convergence(shown[:counted], [t.stage_errors.get(knob.key) for t in used[:counted]], reference=last)
         if finite:
             self.floor = max(self.floor, remaining(shown, used[-2].error or 0.0, law))
         return Curve(knob, where, tuple(used), self.affected[knob.key], law)

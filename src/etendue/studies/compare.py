@@ -139,6 +139,9 @@ def compare(
     for row in refused if not asked.swaps else ():
         row.label = labels_of([row.value], reader.axis.units)[0]
     rows = ranked([*measured, *refused], by)
+    for row in rows:
+        decibels = getattr(row, by)
+        row.error = None if decibels is None else 10 ** (-decibels / 20)
     known = {row.position: references[row.position] for row in rows if row.position is not None and references[row.position] is not None}
     shown = {row.position: row.label if reader.own_reference else "" for row in rows if row.position in known}
     notes += [*_on_the_references(known, shown, branched, asked), *reader.shared_faults()]

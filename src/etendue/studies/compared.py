@@ -34,6 +34,7 @@ class Row:
     zipper: float | None = None
     false_colour: float | None = None
     mtf50: float | None = None  # cycles/pixel
+    error: float | None = None  # rms, full scale 1, of what the rows are ranked by: the ordinate of the diagram
     mtf50_reference: float | None = None
     seconds: float | None = None  # thread time of the stage
     mpixel_per_second: float | None = None

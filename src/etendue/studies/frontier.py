@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from scipy.optimize import brentq
 
 ROUNDING = 3e-15  # errors below are those of 64 bits
 LARGEST = 0.1  # errors above do not converge yet
@@ -29,7 +30,9 @@ class Convergence:
     settings: tuple[float, ...] = ()  # from which it follows
 
 
-def convergence(settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0) -> Convergence:
+def convergence(
+    settings: Sequence[Any], errors: Sequence[float | None], floor: float = 0.0, reference: float | None = None
+) -> Convergence:  # fmt: skip
     """The law by which errors fall from setting to setting; of the two the one with the smaller residual in log error.
 
     An order is the median of those between neighbours among the finest four settings that show it. Settings do not count from which on the
@@ -40,6 +43,8 @@ def convergence(settings: Sequence[Any], errors: Sequence[float | None], floor: 
     settings : from the cheapest to the finest; those that are no positive finite number (a closed form) do not count
     errors : of each
     floor : how far the reference itself may be wrong: errors below ten times that do not count
+    reference : the setting that errors are differences to, where that is a finite one: of a power law h^p they are h^p - r^p, which falls
+        faster than the error itself
     """
     least = max(10 * floor, ROUNDING)
     used = [
@@ -58,10 +63,27 @@ def convergence(settings: Sequence[Any], errors: Sequence[float | None], floor: 
     for law, along in (("algebraic", np.log(size)), ("geometric", size)):
         slope, start = np.polyfit(along, np.log(error), 1)
         local = -finer * np.diff(np.log(error)) / np.diff(along)
+        if law == "algebraic" and reference is not None:
+            local = _beside_a_finite_reference(local, size**-finer, error, reference**-finer)
         rate = np.median(local[-3:]) if law == "algebraic" else -finer * slope
         fits[law] = float(rate), float(np.sum((np.log(error) - slope * along - start) ** 2))
     law = min(fits, key=lambda name: fits[name][1]) if finer > 0 else "algebraic"
     return Convergence(fits[law][0], law, tuple(map(float, size)))
+
+
+def _beside_a_finite_reference(local: Any, step: Any, error: Any, last: float) -> Any:
+    """Orders between neighbours of which h^p - r^p falls as the errors do; as they were where no order does."""
+    found = []
+    for i, plain in enumerate(local):
+        fallen = math.log(error[i] / error[i + 1])
+
+        def lacking(order: float, large: float = step[i] / last, small: float = step[i + 1] / last, fallen: float = fallen) -> float:
+            ratio = math.log(large / small) * order  # of what is to be expected, without overflow
+            return ratio + math.log1p(-(large**-order)) - math.log1p(-(small**-order)) - fallen
+
+        solvable = step[i] > step[i + 1] > last and plain > 0 and lacking(1e-3) < 0 < lacking(plain)
+        found.append(brentq(lacking, 1e-3, plain) if solvable else plain)
+    return np.array(found)
 
 
 def remaining(settings: Sequence[Any], moved: float, found: Convergence) -> float:

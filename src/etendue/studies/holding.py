@@ -17,20 +17,20 @@ from etendue.plan.model import Plan
 from etendue.registry import Registry
 from etendue.session import Options
 from etendue.spec.pipeline import Pipeline
+from etendue.studies.blame import blamed
 from etendue.studies.files import finite
-from etendue.studies.measuring import LEFT_OUT, Measured, Measurement, from_document
+from etendue.studies.measuring import Measured, Measurement, from_document
 from etendue.studies.pilot import MOST
 
 LADDER = (0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 0.0)
-BLAMED = 6  # decisions that are undone one at a time, those with the largest bounds
 
 
 @dataclass(frozen=True)
 class Held:
     """What was found: with ``tolerance`` the wanted variables are as far from the reference as ``measured`` says.
 
-    ``missed`` are variables whose error is larger than asked for, or not known; ``blame`` by how much each decision of the plan
-    brings the worst of them nearer when it is undone, the largest first.
+    ``missed`` are variables whose error is larger than asked for, or not known; ``blame`` the stages that this is due to, the largest
+    share first (`studies.blame`).
     """
 
     asked: float
@@ -106,8 +106,9 @@ def _search(measurement: Measurement, asked: float, norm: str) -> Held:
         if not missed(measured(LADDER[at]), asked, norm):
             return Held(asked, LADDER[at], norm, tried[LADDER[at]], (), seconds=measurement.seconds)
     best = min(tried, key=lambda rung: (len(missed(tried[rung], asked, norm)), tried[rung].worst or 0.0, -rung))
-    blame = _blamed(measurement, plans[best], tried[best], best, norm)
-    return Held(asked, best, norm, tried[best], missed(tried[best], asked, norm), blame, measurement.seconds)
+    lacking = missed(tried[best], asked, norm)
+    blame = blamed(measurement, plans[best], tried[best], lacking, asked, norm)
+    return Held(asked, best, norm, tried[best], lacking, blame, measurement.seconds)
 
 
 def missed(found: Measured, asked: float, norm: str) -> tuple[str, ...]:
@@ -117,31 +118,6 @@ def missed(found: Measured, asked: float, norm: str) -> tuple[str, ...]:
 
 def _equal(one: Plan, other: Plan) -> bool:
     return one.precision == other.precision and all(cell.key == other.cells[ref].key for ref, cell in one.cells.items())
-
-
-def _blamed(measurement: Measurement, plan: Plan, found: Measured, rung: float, norm: str) -> dict[str, float]:
-    """By how much the worst error falls with each decision undone; where the plan decided nothing, the stages with the largest errors of
-    their own."""
-    bounds: dict[tuple[str, str], float] = {}
-    for cell in plan.cells.values():
-        own = [(LEFT_OUT, cell.left_out.bound)] if cell.left_out else [(one.knob, one.bound) for one in cell.approximated]
-        for decision, bound in own:
-            bounds[cell.node, decision] = max(bounds.get((cell.node, decision), 0.0), bound)
-    largest = sorted((pair for pair, bound in bounds.items() if bound > 0), key=lambda pair: -bounds[pair])[:BLAMED]
-    own_measurement = replace(measurement.pipeline, tolerance=rung)
-    before, measurement.pipeline = measurement.pipeline, own_measurement
-    try:
-        undone = measurement.blame(largest)
-    finally:
-        measurement.pipeline = before
-    worst = found.worst or 0.0
-    falls = {f"{stage} {decision}" if decision == LEFT_OUT else f"{stage}.{decision}": worst - (one.worst or 0.0)
-             for (stage, decision), one in undone.items()}  # fmt: skip
-    found_out = {name: fall for name, fall in sorted(falls.items(), key=lambda item: -item[1]) if fall > 0.05 * worst}
-    if found_out:
-        return found_out
-    own_errors = {cell.node: cell.error[0] for cell in plan.cells.values() if cell.error[0] is not None}
-    return {f"{name}'s own error": error for name, error in sorted(own_errors.items(), key=lambda item: -item[1])[:2]}
 
 
 def _remembered(document: Mapping[str, Any] | None, asked: float, norm: str) -> Held | None:

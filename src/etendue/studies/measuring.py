@@ -10,7 +10,7 @@ sqrt(d q) behind it, and two draws differ by their noise, so nothing else is wel
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +32,7 @@ from etendue.spec.variables import variable as known
 from etendue.studies.differences import Difference, difference
 from etendue.studies.files import finite
 from etendue.studies.pilot import MOST, chosen_places, narrowed
-from etendue.studies.reference import Knob, Reference, knobs_of, reference_of, with_settings
+from etendue.studies.reference import Knob, Reference, reference_of, with_settings
 
 FORM = 1  # of what is remembered: another number, and it is measured again
 LEFT_OUT, PRECISION = "left out", "precision"
@@ -271,20 +271,6 @@ class Measurement:
             dear = any(p.dear for one in node.alternatives for p, _, _ in parameters_of(one.kind).values())
             if dear and stage in behind(plan, [node.name]):
                 found = max([found, *(cell.error[0] for cell in plan.of(node.name) if cell.error[0] is not None and not cell.left_out)])
-        return found
-
-    def blame(self, decisions: Iterable[tuple[str, str]]) -> dict[tuple[str, str], Measured]:
-        """The errors with one decision undone at a time: (stage, ``left out``), (stage, a knob's name), or ('', ``precision``)."""
-        found = {}
-        knobs = {(k.stage, k.name): k for k in knobs_of(self.pipeline, self.registry)}
-        for stage, decision in decisions:
-            if decision == LEFT_OUT:
-                found[stage, decision] = self.errors(computed=frozenset({stage}))
-            elif decision == PRECISION:
-                found[stage, decision] = self.errors(precision="float64")
-            else:
-                knob = knobs[stage, decision]
-                found[stage, decision] = self.errors(settings={(stage, knob.use, decision): knob.reference})
         return found
 
     def remembered(self, archive: Path) -> Measured:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+import scipy
 
 from etendue.physics.colour import difference
 from etendue.physics.colour.matrices import apply_matrix
@@ -137,7 +137,7 @@ def _as_exposed(shot: Shot, ideal: Shot) -> Any:
 
 def _box_means(planes: Any, size: int) -> Any:
     """Means over every square of a size that lies inside, at its first corner."""
-    means = uniform_filter(planes, (0, size, size), mode="nearest")
+    means = scipy.ndimage.uniform_filter(planes, (0, size, size), mode="nearest")
     before = size // 2
     rows, columns = (n - size + 1 for n in planes.shape[1:])
     return means[:, before : before + rows, before : before + columns]

@@ -31,7 +31,7 @@ NARROW, WIDE, UNBOUNDED = 112, 150, 200  # columns of a terminal that hold all f
 UNITS = {
     "psnr": "dB", "psnr_white": "dB", "psnr_encoded": "dB", "rmse": "1", "ssim": "1", "delta_e": "CIEDE2000", "zipper": "1",
     "false_colour": "CIELAB", "mtf50": "cycles/pixel", "mtf50_reference": "cycles/pixel", "seconds": "s", "mpixel_per_second": "Mpixel/s",
-    "seconds_per_mpixel": "s/Mpixel",
+    "seconds_per_mpixel": "s/Mpixel", "error": "1",
 }  # fmt: skip
 DISPENSABLE = ("zipper", "false colour")
 
@@ -138,6 +138,7 @@ def _columns(found: Comparison) -> list[_Column]:
     if len({row.mtf50_reference for row in found.rows} - {None}) > 1:
         columns.append(_Column("ideal", lambda r: _number(r.mtf50_reference, ".3f")))
     if any(row.seconds is not None for row in found.rows):
+        columns.append(_Column("error", lambda r: _number(r.error, ".2g")))
         columns.append(_Column("time", lambda r: _milliseconds(r.seconds)))
         columns.append(_Column("Mpixel/s", lambda r: _number(r.mpixel_per_second, ".1f") + ("*" if r.pareto else " ")))
     return columns
@@ -164,6 +165,7 @@ def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]
     lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: of the finished picture"))
     lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free"))
     if any(row.seconds is not None for row in found.rows):
+        lines.append(("error", "rms, full scale 1, of what the rows are ranked by; against time in error_against_time.png"))
         lines.append(("time", "of the stage alone, one thread; * nothing better is as fast"))
     lines.append(("noise", found.noise))
     for keys, text in (
@@ -200,9 +202,8 @@ def _plot(found: Comparison) -> bytes:
     """Error against run time, of the figure that the rows are ranked by; empty where there is nothing to draw."""
     points = []
     for row in found.rows:
-        figure = getattr(row, found.rank_by)
-        if row.seconds_per_mpixel and figure is not None and math.isfinite(figure):  # neither can be 0 on logarithmic axes
-            points.append(Point(row.label, row.seconds_per_mpixel, 10 ** (-figure / 20), row.pareto))
+        if row.seconds_per_mpixel and row.error:  # neither can be 0 on logarithmic axes
+            points.append(Point(row.label, row.seconds_per_mpixel, row.error, row.pareto))
     lacking = [row.label for row in found.rows if row.seconds_per_mpixel and getattr(row, found.rank_by) == math.inf]
     if lacking and points:
         found.notes.append(f"{PLOT} has logarithmic axes, on which no error has no place; not in it: {', '.join(lacking)}")

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from etendue.plan.cells import output_grid
+from etendue.plan.forms import output_grid
 from etendue.plan.model import CellRef
 from etendue.run.cell import compute, smallest
-from etendue.run.job import Job, Looking
+from etendue.run.job import Job, Looking, Walk
 from etendue.run.segments import Result
+from etendue.run.strips import in_strips
 from etendue.spec import camera
 from etendue.spec.capabilities import Summed, Transfer, is_random, is_source
 from etendue.spec.facts import Facts
@@ -258,9 +259,10 @@ class Bench:
         return found
 
     def run(
-        self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False
-    ) -> Trial:
-        """Compute one cell with the engine."""
+        self, inputs: Arrays, precision: str = "float64", frame: Frame = FRAME, seed: bytes = b"conformance", summed: bool = False,
+        rows: int = 0,
+    ) -> Trial:  # fmt: skip
+        """Compute one cell with the engine; in strips of so many ``rows``, if any, where whatever goes wrong is raised."""
         job = self.job(precision, frame, seed, summed)
         given = self.given(inputs, precision)
         results: dict[CellRef, Result] = {
@@ -272,7 +274,11 @@ class Bench:
             results[(name, ())] = Result({self.looks[port]: (plane / number).astype(plane.dtype) for port, plane in planes.items()})
         before = digests(given)
         with _pools.limit(limits=1), np.errstate(all="ignore"):
-            result, report = compute(job, results)
+            if rows:
+                job.walk = Walk(0, 1, rows, tuple(job.writes))
+                ((result, report),) = in_strips([job], results)
+            else:
+                result, report = compute(job, results)
         after = digests(given)
         return Trial(result.arrays, report, tuple(port for port in given if before[port] != after[port]))
 

@@ -53,10 +53,11 @@ from etendue.testing.checks import (
 from etendue.testing.extreme_laws import ExtremeLaws
 from etendue.testing.knob_laws import KnobLaws
 from etendue.testing.measured import hold, ratio_of, within
+from etendue.testing.row_laws import RowLaws
 from etendue.testing.transfer_checks import check_single_wavelengths, check_transfer
 
 
-class StageConformance(ExtremeLaws, KnobLaws):
+class StageConformance(ExtremeLaws, KnobLaws, RowLaws):
     """Subclass it, set ``stage``, and pytest holds the stage against each law.
 
     Attributes
@@ -380,7 +381,7 @@ class StageConformance(ExtremeLaws, KnobLaws):
 
 def laws() -> list[str]:
     """The names of the laws, in order."""
-    return [name for kind in (StageConformance, ExtremeLaws, KnobLaws) for name in vars(kind) if name.startswith("test_")]
+    return [name for kind in (StageConformance, ExtremeLaws, KnobLaws, RowLaws) for name in vars(kind) if name.startswith("test_")]
 
 
 def check_stage(stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> list[Finding]:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Stage, quantity
+from etendue.api import RGB, Haloed, quantity
 from etendue.physics.sensor import cfa
-from etendue_demosaic_malvar.kernel import malvar
+from etendue_demosaic_malvar.kernel import MARGIN, malvar
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicMalvar(Stage):
+class DemosaicMalvar(Haloed):
     """Bilinear, corrected by the Laplacian of the measured colour (Malvar, He and Cutler 2004)."""
 
     role: ClassVar = "demosaicing"
@@ -40,6 +40,9 @@ class DemosaicMalvar(Stage):
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": malvar(mosaic_linear, self.order(round(float(y[0])), round(float(x[0]))))}
+
+    def halo(self) -> int:
+        return MARGIN
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from etendue.physics.field.psf_bank import PsfBank
 from etendue_lens_optiland import pupil
@@ -146,7 +146,7 @@ def nodes_to(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count
     return np.linspace(0.0, farthest, count)
 
 
-def ideal_over_real(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> list[CubicSpline]:
+def ideal_over_real(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int) -> list[scipy.interpolate.CubicSpline]:
     """Ideal over real image height, as a function of the squared real height (um2): one curve per wavelength.
 
     The ideal height is the image distance times the tangent of the field angle, at the reference wavelength: what a pinhole
@@ -160,11 +160,13 @@ def ideal_over_real(lens: Lens, corner_um: float, wavelengths: tuple[float, ...]
         # the ratio is even and smooth in the height: its value on the axis follows from the nearest nodes
         squares = real[:3] ** 2
         axis = float(np.polynomial.Polynomial.fit(squares, ratio[:3], 2)(0.0)) if count > 3 else float(ratio[0])
-        curves.append(CubicSpline(np.append(0.0, real**2), np.append(axis, ratio)))
+        curves.append(scipy.interpolate.CubicSpline(np.append(0.0, real**2), np.append(axis, ratio)))
     return curves
 
 
-def relative_illumination(lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int, samples: int) -> list[CubicSpline]:
+def relative_illumination(
+    lens: Lens, corner_um: float, wavelengths: tuple[float, ...], count: int, samples: int
+) -> list[scipy.interpolate.CubicSpline]:
     """Irradiance relative to the axis, as a function of the squared image height (um2): one curve per wavelength."""
     tangents = nodes_to(lens, corner_um, wavelengths, count)
     found = lens.illumination(tangents, wavelengths, samples)
@@ -174,4 +176,4 @@ def relative_illumination(lens: Lens, corner_um: float, wavelengths: tuple[float
         raise ValueError(
             f"{lens.prescription.name} lights its corner {relative.max():.3g} times as much as its axis; at most {BRIGHTEST:g} is allowed"
         )
-    return [CubicSpline(h**2, e) for h, e in zip(heights, relative, strict=True)]
+    return [scipy.interpolate.CubicSpline(h**2, e) for h, e in zip(heights, relative, strict=True)]

@@ -19,8 +19,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
 from etendue_lens_optiland.prescription import Prescription, load
 from etendue_lens_optiland.pupil import Bundle, covered, slope
@@ -201,7 +201,7 @@ class Lens:
         Without rims a steep surface sends some rays from far outside back through the stop, which no mounted lens does.
         """
         seen = slope(stop[0], 1) * slope(stop[1], 0) - slope(stop[0], 0) * slope(stop[1], 1)
-        parts, count = label((share > 0) & (seen > 0 if self.upright else seen < 0))
+        parts, count = scipy.ndimage.label((share > 0) & (seen > 0 if self.upright else seen < 0))
         if count < 2:
             return parts > 0
         distance = np.where(parts > 0, np.hypot(*stop), np.inf)

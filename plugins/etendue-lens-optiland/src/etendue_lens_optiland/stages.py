@@ -100,8 +100,9 @@ class Blur(Moved, Banded, Bounded):
         doc="cells across the pupil, at least",
     )  # fmt: skip
     lost: float = param(
-        0.02, above=0, at_most=0.5, fidelity=True, example=0.2, reference="2e-3", settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
-        doc="flux of a picture that may lie outside its window",
+        0.02, above=0, at_most=0.5, fidelity=True, dear=True, example=0.2, reference="2e-3",
+        settings=(0.2, 0.1, 0.05, 0.02, 0.01, 5e-3, 2e-3),
+        doc="flux of a picture that may lie outside its window; of little the windows become larger than can be had",
     )  # fmt: skip
     window: float = param(0.0, units="um", at_least=0, doc="side of the picture of a point; 0: as lost asks")
     tolerance: float = param(

@@ -9,8 +9,8 @@ rounding error.
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
 from etendue.physics import require
 from etendue.physics.electronics.noise import SMALLEST_NORMAL_MEAN
@@ -135,7 +135,7 @@ def normal_form_pmf(mean: float) -> tuple[NDArray, NDArray]:
     counts = np.arange(max(math.floor(mean - width), 0), math.ceil(mean + width))
     upper = _cubic_root(mean, counts[1:].astype(np.float64))
     # the narrower tail keeps its digits; a difference of values near 1 would not
-    low, high = special.ndtr(upper), special.ndtr(-upper)
+    low, high = scipy.special.ndtr(upper), scipy.special.ndtr(-upper)
     below = np.concatenate([[0.0], low, [1.0]])
     above = np.concatenate([[1.0], high, [0.0]])
     return counts, np.where(below[1:] < 0.5, np.diff(below), -np.diff(above))
@@ -207,7 +207,7 @@ def cut_normal_moments(rms: float) -> tuple[float, float]:
     require.amount("rms", rms)
     if rms < 0.1:
         return 1.0, rms**2
-    above, density = float(special.ndtr(1 / rms)), math.exp(-0.5 / rms**2) / math.sqrt(2 * math.pi)
+    above, density = 0.5 * math.erfc(-1 / (rms * math.sqrt(2))), math.exp(-0.5 / rms**2) / math.sqrt(2 * math.pi)
     mean = above + rms * density
     return mean, (1 + rms**2) * above + rms * density - mean**2
 
@@ -217,7 +217,7 @@ def _by_tails(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
 
     def beyond(distance: NDArray) -> NDArray:
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 0.5 * special.erfc(distance / (sigma * math.sqrt(2)))
+            return 0.5 * scipy.special.erfc(distance / (sigma * math.sqrt(2)))
 
     steps = np.arange(1, 9).reshape(-1, *[1] * offset.ndim)
     above, below = beyond(steps - 0.5 - offset), beyond(steps - 0.5 + offset)
@@ -229,7 +229,7 @@ def _by_tails(offset: NDArray, sigma: NDArray) -> tuple[NDArray, NDArray]:
     side = np.where(offset < 0, -1.0, 1.0)
     near = offset - 0.5 * side
     with np.errstate(divide="ignore", invalid="ignore"):
-        centre = 0.5 * special.erf(near / (sigma * math.sqrt(2)))
+        centre = 0.5 * scipy.special.erf(near / (sigma * math.sqrt(2)))
     about = centre - near + (beyond(steps - near) - beyond(steps + near)).sum(axis=0)
     error = np.where((np.abs(offset) > 0.25) & (sigma > 0), about, first - offset)
     return error, second - first**2

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
 BLOCKS = 8  # along y and along x: 64 groups of pixels
 QUANTISATION = 1 / 12  # DN^2
@@ -190,7 +190,7 @@ class _Jackknife:
     """Intervals from the estimate of all pixels (first) and those with each group left out."""
 
     def __init__(self, confidence: float) -> None:
-        self.t = float(special.stdtrit(BLOCKS**2 - 1, 0.5 + 0.5 * confidence))
+        self.t = float(scipy.special.stdtrit(BLOCKS**2 - 1, 0.5 + 0.5 * confidence))
 
     def error(self, values: NDArray) -> float:
         left_out = values[1:]

@@ -12,14 +12,15 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, DTypeLike, NDArray
-from scipy import special
 
 LARGEST_EXACT = 9.2e18  # numpy's exact sampler counts in int64
 LARGEST_MEAN = 1e36  # a normal about it is a number of 32 bits
 LARGEST_INVERTED = 200.0  # electrons, up to which `poisson_by_inversion` searches
 SMALLEST_NORMAL_MEAN = 10.0  # below, the cubic of `cornish_fisher` folds inside the range of normals
 TILE = 64  # pixels
+BLOCK = 1 << 16  # pixels whose temporaries stay in the cache
 
 
 def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0) -> NDArray:
@@ -55,23 +56,33 @@ def poisson(mean: ArrayLike, rng: np.random.Generator, exact_below: float = 30.0
     mean = _means(mean, LARGEST_EXACT if exact_below > LARGEST_EXACT else LARGEST_MEAN)
     if not exact_below >= SMALLEST_NORMAL_MEAN:
         raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} or more, or inf")
-    few = mean < exact_below
-    if few.all():
-        return np.asarray(rng.poisson(mean)).astype(mean.dtype)
-    if not few.any():
-        return cornish_fisher(mean, _normals(rng, mean.shape, mean.dtype))
-    some = np.flatnonzero(few)  # by index, a fifth faster than by mask where few and many are mixed
-    flat = mean.reshape(-1)
-    if 2 * some.size < flat.size:  # a normal is drawn sooner than a pixel is picked out
-        counts = cornish_fisher(np.maximum(mean, mean.dtype.type(SMALLEST_NORMAL_MEAN)), _normals(rng, mean.shape, mean.dtype))
-        counts.reshape(-1)[some] = rng.poisson(flat[some])
-        return counts
+    flat = np.ascontiguousarray(mean).reshape(-1)
+    blocks = [slice(start, start + BLOCK) for start in range(0, flat.size, BLOCK)]  # draws go on from block to block
+    exact = sum(int(np.count_nonzero(flat[block] < exact_below)) for block in blocks)
     counts = np.empty_like(flat)
-    counts[some] = rng.poisson(flat[some])
-    rest = np.flatnonzero(~few)
-    many = flat[rest]
-    counts[rest] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
+    if 2 * exact < flat.size:  # a normal is drawn sooner than a pixel is picked out
+        for block in blocks:
+            many = np.maximum(flat[block], flat.dtype.type(SMALLEST_NORMAL_MEAN)) if exact else flat[block]
+            counts[block] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
+        for block in blocks if exact else ():
+            _drawn(counts[block], flat[block], exact_below, rng)
+        return counts.reshape(mean.shape)
+    for block in blocks:
+        _drawn(counts[block], flat[block], exact_below, rng)
+    for block in blocks if exact < flat.size else ():
+        rest = np.flatnonzero(flat[block] >= exact_below)
+        many = flat[block][rest]
+        counts[block][rest] = cornish_fisher(many, _normals(rng, many.shape, many.dtype))
     return counts.reshape(mean.shape)
+
+
+def _drawn(counts: NDArray, mean: NDArray, exact_below: float, rng: np.random.Generator) -> None:
+    """Put exact draws in the place of the counts of small means."""
+    some = np.flatnonzero(mean < exact_below)  # by index, a fifth faster than by mask where few and many are mixed
+    if some.size == mean.size:
+        counts[...] = rng.poisson(mean)
+    else:
+        counts[some] = rng.poisson(mean[some])
 
 
 def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float = 30.0) -> NDArray:
@@ -110,7 +121,7 @@ def poisson_by_inversion(mean: ArrayLike, uniform: ArrayLike, exact_below: float
         raise ValueError(f"exact_below is {exact_below!r} electrons; allowed are {SMALLEST_NORMAL_MEAN} to {LARGEST_INVERTED}")
     work = mean.astype(np.float64).reshape(-1)
     uniform = uniform.reshape(-1)
-    normal = np.clip(special.ndtri(uniform), -8.3, 8.3)
+    normal = np.clip(scipy.special.ndtri(uniform), -8.3, 8.3)
     counts = np.empty_like(work)
     few = work < exact_below
     counts[few] = _inverse(work[few], uniform[few], normal[few])
@@ -282,7 +293,7 @@ def mean_factor(spread: float) -> float:
     -----
     Source: Phi(1 / s) + s phi(1 / s), the mean of a normal distribution that is cut off at 0. Error: below 1e-15.
     """
-    if spread == 0:
+    if spread < 0.02:  # less than 1e-500 lies below 0
         return 1.0
     away = 1 / spread
     return 0.5 * (1 + math.erf(away / math.sqrt(2))) + spread * math.exp(-0.5 * away**2) / math.sqrt(2 * math.pi)
@@ -316,10 +327,10 @@ def _inverse(mean: NDArray, uniform: NDArray, normal: NDArray) -> NDArray:
     counts = np.maximum(np.floor(guess), 0)
 
     def too_high(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
-        return (k > 0) & (u < special.pdtr(k - 1, m))
+        return (k > 0) & (u < scipy.special.pdtr(k - 1, m))
 
     def too_low(k: NDArray, m: NDArray, u: NDArray) -> NDArray:
-        return u >= special.pdtr(k, m)
+        return u >= scipy.special.pdtr(k, m)
 
     for wrong, step in ((too_high, -1), (too_low, 1)):
         active = np.arange(counts.size)

@@ -8,7 +8,7 @@ Sources: as in `blur.py`.
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.floating]

@@ -10,10 +10,8 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.interpolate import make_interp_spline
 
 from etendue.physics import require
 
@@ -89,10 +87,10 @@ class Sampler:
                 self.means[k, number] = mean + move
                 if light == "bandlimited":
                     table, self.steps[number] = _band_limited(picture, own, self.spacing, move, room)
-                    column.append(ndimage.spline_filter(table, order=_ORDER))
+                    column.append(scipy.ndimage.spline_filter(table, order=_ORDER))
                 else:
                     self.steps[number] = own
-                    column.append(ndimage.shift(np.pad(picture, room), move / own, order=1, mode="constant", prefilter=False))
+                    column.append(scipy.ndimage.shift(np.pad(picture, room), move / own, order=1, mode="constant", prefilter=False))
             self.tables.append(column)
         half = self.size // 2
         grid = np.arange(-half, half + 1)
@@ -137,7 +135,7 @@ class Sampler:
                 where = np.stack([c * dy + s * dx, c * dx - s * dy])
                 where /= step
                 where += middle
-                total += ndimage.map_coordinates(table, where, order=order, mode="constant", prefilter=False)
+                total += scipy.ndimage.map_coordinates(table, where, order=order, mode="constant", prefilter=False)
         return total
 
     def _levelled(self, values: FloatArray, wanted: FloatArray) -> FloatArray:
@@ -172,8 +170,10 @@ def rounded(picture: FloatArray) -> FloatArray:
     radius = np.arange(0.0, room + 1.0, 1 / _OVERSAMPLING)
     angle = np.arange(8 * max(room, 8)) * (2 * np.pi / (8 * max(room, 8)))
     where = np.stack([radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)]) / step + table.shape[0] // 2
-    profile = ndimage.map_coordinates(ndimage.spline_filter(table, order=_ORDER), where, order=_ORDER, prefilter=False).mean(axis=1)
-    curve = make_interp_spline(np.r_[-radius[:0:-1], radius], np.r_[profile[:0:-1], profile], k=_ORDER)
+    profile = scipy.ndimage.map_coordinates(scipy.ndimage.spline_filter(table, order=_ORDER), where, order=_ORDER, prefilter=False).mean(
+        axis=1
+    )
+    curve = scipy.interpolate.make_interp_spline(np.r_[-radius[:0:-1], radius], np.r_[profile[:0:-1], profile], k=_ORDER)
     offset = np.arange(n) - n // 2
     distance = np.hypot(offset[:, None], offset[None, :])
     values = np.where(distance <= room, np.maximum(curve(np.minimum(distance, room)), 0.0), 0.0)

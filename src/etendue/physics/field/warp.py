@@ -18,10 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.interpolate import CubicSpline
 
 from etendue.physics import require
 
@@ -91,7 +89,7 @@ class Distortion:
             ideal, real = np.insert(ideal, 0, 0.0), np.insert(real, 0, 0.0, axis=0)
         if ideal[0] != 0 or np.any(real[0] != 0) or not (np.all(np.diff(ideal) > 0) and np.all(np.diff(real, axis=0) > 0)):
             raise ValueError("table must have ideal and real heights that grow from 0 on the axis: other images fold over")
-        curve = CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
+        curve = scipy.interpolate.CubicSpline(np.r_[-ideal[:0:-1], ideal], np.r_[-real[:0:-1], real], axis=0)
         object.__setattr__(self, "table", (ideal, wavelengths, real))
         object.__setattr__(self, "_curve", curve)
 
@@ -204,7 +202,7 @@ class Distortion:
         real[0] = 1.0
         values = self.undistort(real, wavelength_um) / real
         values[0] = 1.0 / float(self.slope(0.0, wavelength_um))
-        return CubicSpline(square, values)
+        return scipy.interpolate.CubicSpline(square, values)
 
 
 def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -274,7 +272,7 @@ def radial(
         wide[: table.shape[0], : table.shape[1]] = scipy.fft.dctn(table, norm="ortho", workers=1)
         table = scipy.fft.idctn(wide, norm="ortho", workers=1, overwrite_x=True) * oversampling
     if order > 1:
-        table = ndimage.spline_filter(table, order=order, output=np.float64, mode="reflect")
+        table = scipy.ndimage.spline_filter(table, order=order, output=np.float64, mode="reflect")
     starts = [float(line[0]) for line in (y_um, x_um)]
     steps = [float(line[-1] - line[0]) / (line.size - 1) if line.size > 1 else 1.0 for line in (y_um, x_um)]
     out = np.empty(plane.shape, dtype=float)
@@ -283,7 +281,7 @@ def radial(
         factor = ratio(y * y + x_um * x_um)
         where = np.stack([(factor * y - starts[0]) / steps[0], (factor * x_um - starts[1]) / steps[1]])
         where = (where + 0.5) * oversampling - 0.5
-        out[first : first + _ROWS] = ndimage.map_coordinates(table, where, order=order, mode="reflect", prefilter=False)
+        out[first : first + _ROWS] = scipy.ndimage.map_coordinates(table, where, order=order, mode="reflect", prefilter=False)
     return (out + base).astype(plane.dtype if plane.dtype in (np.float32, np.float64) else float)
 
 

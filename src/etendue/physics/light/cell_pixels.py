@@ -8,7 +8,7 @@ Sources: as ``cells``. The light is boxes side by side: its spectrum is that of 
 from __future__ import annotations
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from etendue.physics.light.cells import BLOCK, Array, Axis, FloatArray, Reach, Transfer, factors_of, far_line, overlaps, planes_of
 

@@ -8,7 +8,7 @@ Sources: the discrete Fourier transform; trigonometric interpolation (a band-lim
 from __future__ import annotations
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
 
 FEW = 64  # outputs for each row of a transform, up to which two matrix products are cheaper than an inverse transform

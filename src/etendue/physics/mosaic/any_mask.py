@@ -15,9 +15,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.optimize import nnls
 
 from etendue.physics.sensor.cfa import Mask, channel_index, continued
 
@@ -68,7 +67,7 @@ def _weights(offsets: NDArray) -> NDArray | None:
     wanted = np.array([1.0, 0.0, 0.0])
     cost = np.sum(offsets**2, axis=1)
     firm = 1e5  # the constraints against the cost; what they miss is put right below
-    weights, _ = nnls(np.vstack([firm * moments, np.diag(cost)]), np.concatenate([firm * wanted, np.zeros(len(offsets))]))
+    weights, _ = scipy.optimize.nnls(np.vstack([firm * moments, np.diag(cost)]), np.concatenate([firm * wanted, np.zeros(len(offsets))]))
     if np.abs(moments @ weights - wanted).max() > 1e-6:
         return None
     used = weights > 1e-9
@@ -118,8 +117,8 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
     if rows < height or columns < width:
         return _nearest(mosaic, mask, first_row, first_column)
     places = [(y, x) for y in range(height) for x in range(width)]
-    wanted = {(y, x, c): taps(mask, y, x, c) for y, x in places for c in mask.channels}
-    reach = max(max(abs(dy), abs(dx)) for found in wanted.values() for dy, dx, _ in found)
+    wanted = _all_taps(mask)
+    reach = _farthest(wanted)
     framed = mosaic[np.ix_(continued(rows, height, reach), continued(columns, width, reach))]
     planes = np.empty((len(mask.channels), rows, columns), mosaic.dtype)
     for y, x in places:
@@ -136,13 +135,27 @@ def linear(mosaic: NDArray, mask: Mask, first_row: int = 0, first_column: int = 
     return planes
 
 
+def reach_of(mask: Mask) -> int:
+    """Rows from which the weights take samples, and a period at least: a frame of fewer rows is interpolated otherwise."""
+    return max(_farthest(_all_taps(mask)), mask.period[0])
+
+
+def _all_taps(mask: Mask) -> dict[tuple[int, int, str], tuple[Tap, ...]]:
+    height, width = mask.period
+    return {(y, x, c): taps(mask, y, x, c) for y in range(height) for x in range(width) for c in mask.channels}
+
+
+def _farthest(wanted: dict[tuple[int, int, str], tuple[Tap, ...]]) -> int:
+    return max(max(abs(dy), abs(dx)) for found in wanted.values() for dy, dx, _ in found)
+
+
 def _nearest(mosaic: NDArray, mask: Mask, first_row: int, first_column: int) -> NDArray:
     rows, columns = mosaic.shape
     index = channel_index(mask, rows, columns, first_row, first_column)
     planes = np.empty((len(mask.channels), *mosaic.shape), mosaic.dtype)
     present = [c for c in range(len(planes)) if (index == c).any()]
     for c in present:
-        y, x = distance_transform_edt(index != c, return_distances=False, return_indices=True)
+        y, x = scipy.ndimage.distance_transform_edt(index != c, return_distances=False, return_indices=True)
         planes[c] = mosaic[y, x]
     mean = planes[present].mean(axis=0).astype(mosaic.dtype)
     for c in set(range(len(planes))).difference(present):

@@ -27,6 +27,8 @@ from etendue.physics.mosaic.frame import (
 )
 from etendue.physics.sensor.cfa import COLOURS, phase
 
+REACH = 2  # pixels, of the mean of neighbours and of what follows green
+
 
 def nearest(mosaic: NDArray, pattern: str) -> NDArray:
     """Every pixel takes the missing colours from its own 2 x 2 cell.
@@ -103,7 +105,7 @@ def bilinear(mosaic: NDArray, pattern: str) -> NDArray:
             np.multiply(_pair(framed, shape, y, 1 - x, (0, 1)), half, out=own_plane[y::2, 1 - x :: 2])
             np.multiply(_pair(framed, shape, 1 - y, x, (1, 0)), half, out=own_plane[1 - y :: 2, x::2])
 
-    return in_tiles(mosaic, 2, method)
+    return in_tiles(mosaic, REACH, method)
 
 
 def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
@@ -139,7 +141,7 @@ def colour_difference(mosaic: NDArray, pattern: str) -> NDArray:
             differences[colour] = around
         follow_green(planes, framed, 2, pattern, differences)
 
-    return in_tiles(mosaic, 2, method)
+    return in_tiles(mosaic, REACH, method)
 
 
 def _pair(framed: NDArray, shape: tuple[int, ...], y: int, x: int, step: tuple[int, int]) -> NDArray:

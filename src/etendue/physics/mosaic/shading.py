@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_lsq_spline
 
 from etendue.physics import require
 from etendue.physics.sensor import cfa
@@ -173,4 +173,4 @@ def _curve(where: FloatArray, values: FloatArray, nodes: FloatArray) -> FloatArr
     inner = np.linspace(0.0, 1.0, pieces + 1)
     inner[0], inner[-1] = places[0], places[-1]
     knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
-    return np.asarray(make_lsq_spline(places, means, knots, k=3, w=np.sqrt(count))(nodes))
+    return np.asarray(scipy.interpolate.make_lsq_spline(places, means, knots, k=3, w=np.sqrt(count))(nodes))

@@ -10,8 +10,8 @@ from math import factorial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import j0, j1, jv
 
 FloatArray = NDArray[np.floating]
 Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
@@ -67,7 +67,7 @@ def amplitude(v: Floats) -> Floats:
     Error: 5e-16 relative for v < 1, and beyond 1e-15 v times the envelope 2 sqrt(2/(pi v^3)), up to v = 1e8.
     """
     small = v < 1e-4
-    bessel = 2.0 * j1(np.where(small, 1.0, v)) / np.where(small, 1.0, v)
+    bessel = 2.0 * scipy.special.j1(np.where(small, 1.0, v)) / np.where(small, 1.0, v)
     return np.where(np.isinf(v), 0.0, np.where(small, 1.0 - v * v / 8.0, bessel))
 
 
@@ -82,7 +82,7 @@ def pattern(v: Floats) -> Floats:
 def slope(v: FloatArray) -> FloatArray:
     """Derivative of the pattern, -8 J1(v) J2(v) / v^2; v may be negative."""
     safe = np.where(np.abs(v) < 1e-8, 1.0, v)
-    return np.where(np.abs(v) < 1e-8, -0.5 * v, -8.0 * j1(safe) * jv(2, safe) / (safe * safe))
+    return np.where(np.abs(v) < 1e-8, -0.5 * v, -8.0 * scipy.special.j1(safe) * scipy.special.jv(2, safe) / (safe * safe))
 
 
 def hermite_table(highest: float, step: float) -> FloatArray:
@@ -118,4 +118,4 @@ def outside(v: Floats) -> Floats:
     """
     near = np.minimum(v, _ASYMPTOTIC_ABOVE)
     far = np.maximum(v, _ASYMPTOTIC_ABOVE)
-    return np.where(v < _ASYMPTOTIC_ABOVE, j0(near) ** 2 + j1(near) ** 2, _outside_far(far))[()]
+    return np.where(v < _ASYMPTOTIC_ABOVE, scipy.special.j0(near) ** 2 + scipy.special.j1(near) ** 2, _outside_far(far))[()]

@@ -8,8 +8,8 @@ Sources: a plate of a birefringent crystal splits a ray in two; two crossed plat
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from etendue.physics import require
 
@@ -43,7 +43,7 @@ def smooth_cut(wavelength: Floats, cut_off: float, edge: float) -> Floats:
     A model, not a product: infrared cuts of glass or coatings are tables.
     """
     require.positive("edge", edge, " nm")
-    return expit(2.0 * (cut_off - np.asarray(wavelength)) / edge)
+    return scipy.special.expit(2.0 * (cut_off - np.asarray(wavelength)) / edge)
 
 
 def four_spot_otf(fy: Floats, fx: Floats, separation_y: Floats, separation_x: Floats, rotation: float = 0.0) -> Floats:

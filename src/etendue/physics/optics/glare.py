@@ -12,8 +12,8 @@ from math import gamma
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import kv
 
 from etendue.physics import require
 
@@ -91,7 +91,7 @@ def tail_otf(frequency: Floats, r0: float, power: float = 3.0) -> Floats:
         return (1.0 + x) * np.exp(-x)
     order = 0.5 * power - 1.0
     safe = np.clip(x, 1e-30, 700.0)  # K overflows below, and is nothing above
-    value = 2.0 ** (1.0 - order) / gamma(order) * safe**order * kv(order, safe)
+    value = 2.0 ** (1.0 - order) / gamma(order) * safe**order * scipy.special.kv(order, safe)
     value = np.where(x == 0, 1.0, np.where(x > 700.0, 0.0, np.minimum(value, 1.0)))
     return value.astype(np.result_type(x, np.float32), copy=False)[()]
 

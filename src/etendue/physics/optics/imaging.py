@@ -12,10 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.sparse import csr_array
 
 from etendue.physics import require
 from etendue.physics.optics.diffraction import spot
@@ -201,7 +199,7 @@ def radial_changes(amplitude: FloatArray, path: Callable[[FloatArray], FloatArra
 
 def from_radial(nodes: FloatArray, values: FloatArray, nu: FloatArray) -> FloatArray:
     """Values at growing nodes from 0 to 1, at |frequency| lambda N_w: a cubic spline; 0 beyond the cut-off."""
-    return np.where(nu < 1.0, CubicSpline(nodes, values)(np.minimum(nu, 1.0)), 0.0)
+    return np.where(nu < 1.0, scipy.interpolate.CubicSpline(nodes, values)(np.minimum(nu, 1.0)), 0.0)
 
 
 def radial_otf(
@@ -311,7 +309,7 @@ def _between(place: FloatArray, samples: int) -> Any:
     weights = np.stack(lagrange_weights(t - first, _POINTS), axis=1) * (np.abs(place) < samples)[:, None]
     columns = first[:, None] + np.arange(_POINTS)
     starts = _POINTS * np.arange(place.size + 1)
-    return csr_array((weights.ravel(), columns.ravel(), starts), shape=(place.size, size))
+    return scipy.sparse.csr_array((weights.ravel(), columns.ravel(), starts), shape=(place.size, size))
 
 
 def _power(rows: Any, weights: FloatArray) -> FloatArray:

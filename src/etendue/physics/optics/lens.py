@@ -11,9 +11,8 @@ from math import log, pi, sqrt
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import dct
-from scipy.special import j0, roots_legendre
 
 from etendue.physics import require
 
@@ -81,7 +80,7 @@ def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
     2 pi^2 times it bounds the second derivative of the transfer function by frequency, as J0 bends by 1/2 at most. Between radii both are
     polynomials, for which four points of Gauss's rule are exact.
     """
-    nodes, weights = roots_legendre(4)
+    nodes, weights = scipy.special.roots_legendre(4)
     half = 0.5 * np.diff(radius)[:, None]
     r = radius[:-1, None] + half * (1.0 + nodes)
     share = half * weights * r
@@ -133,7 +132,7 @@ def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Fl
     else:
         angles = np.pi * (np.arange(degree) + 0.5) / degree
         samples = _hankel(0.5 * highest * (1.0 + np.cos(angles)), nodes, weights)
-        series = dct(samples, type=2) / degree
+        series = scipy.fft.dct(samples, type=2) / degree
         series[0] *= 0.5
         values = np.polynomial.chebyshev.chebval(2.0 * flat / highest - 1.0, series) if highest else flat
     values = np.where(flat == 0.0, 1.0, values)
@@ -213,7 +212,7 @@ def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tu
     if not np.all(np.isfinite(psf)):
         raise ValueError("psf must be finite at every radius")
     count = 6 + int(np.ceil(np.pi * highest * steps.max()))
-    x, w = roots_legendre(count)
+    x, w = scipy.special.roots_legendre(count)
     share = 0.5 * (1.0 + x)
     nodes = radius[:-1, None] + steps[:, None] * share
     values = psf[:-1, None] * (1.0 - share) + psf[1:, None] * share
@@ -228,4 +227,4 @@ def _hankel(frequency: FloatArray, nodes: FloatArray, weights: FloatArray) -> Fl
     """Sum of weights J0(2 pi f r), in blocks of bounded memory."""
     rows = max(1, _BLOCK // nodes.size)
     blocks = np.array_split(frequency, range(rows, frequency.size, rows))
-    return np.concatenate([j0(np.outer(2.0 * np.pi * block, nodes)) @ weights for block in blocks])
+    return np.concatenate([scipy.special.j0(np.outer(2.0 * np.pi * block, nodes)) @ weights for block in blocks])

@@ -11,7 +11,7 @@ the square of frequencies which is left, and its dark rings are negative.
 from functools import lru_cache
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from etendue.physics import require
 from etendue.physics.optics.diffraction import circular_otf

@@ -14,8 +14,8 @@ from math import isqrt, sqrt
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import eval_jacobi
 
 from etendue.physics import require
 
@@ -83,7 +83,7 @@ def zernike(n: int, m: int, y: Floats, x: Floats) -> Floats:
         raise ValueError(f"n is {n} and m is {m}; a Zernike polynomial has n >= |m| with n - m even")
     square = np.asarray(y * y + x * x, float)
     norm = sqrt((n + 1.0) * (2.0 if m else 1.0))
-    radial = eval_jacobi((n - abs(m)) // 2, 0, abs(m), 2.0 * square - 1.0)
+    radial = scipy.special.eval_jacobi((n - abs(m)) // 2, 0, abs(m), 2.0 * square - 1.0)
     if m == 0:
         return norm * radial
     powers = (np.asarray(x, float) + 1j * np.asarray(y, float)) ** abs(m)  # rho^m exp(i m t), smooth at the centre

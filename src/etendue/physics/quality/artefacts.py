@@ -6,8 +6,8 @@ Sources: Lu and Tan 2003 (zipper effect); the false-colour measure is defined he
 """
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from etendue.physics import require
 
@@ -91,7 +91,7 @@ def false_colour(picture: ArrayLike, reference: ArrayLike) -> float:
     if len(reference) < 3:
         return 0.0
     error = np.hypot(*(picture[1:] - reference[1:]))
-    detail = maximum_filter(reference[0], 3, mode="nearest") - minimum_filter(reference[0], 3, mode="nearest")
+    detail = scipy.ndimage.maximum_filter(reference[0], 3, mode="nearest") - scipy.ndimage.minimum_filter(reference[0], 3, mode="nearest")
     total = float(detail.sum())
     return float((error * detail).sum() / total) if total > 0 else float(error.mean())
 

@@ -8,8 +8,8 @@ Sources: Wang, Bovik, Sheikh, Simoncelli 2004 (SSIM); named at each function.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import correlate1d
 
 from etendue.physics import require
 
@@ -123,8 +123,8 @@ def _windowed(planes: NDArray[np.float64]) -> NDArray[np.float64]:
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / SPREAD) ** 2)
     weights /= weights.sum()
     inside = slice(reach, -reach)
-    columns = correlate1d(planes, weights, axis=-1)[..., inside]
-    return correlate1d(columns, weights, axis=-2)[..., inside, :]
+    columns = scipy.ndimage.correlate1d(planes, weights, axis=-1)[..., inside]
+    return scipy.ndimage.correlate1d(columns, weights, axis=-2)[..., inside, :]
 
 
 def _pair(picture: ArrayLike, reference: ArrayLike) -> tuple[NDArray, NDArray]:

@@ -8,8 +8,8 @@ Sources: Zhang and Wandell 1996 (SID Digest 27) and 1998; the opponent axes are 
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import dctn, idctn
 
 from etendue.physics import require
 from etendue.physics.colour.difference import delta_e_2000, lab
@@ -101,10 +101,10 @@ def seen(xyz: ArrayLike, samples: float, filters: str = "published") -> NDArray:
         raise ValueError(f"samples is {samples!r}; allowed is a number above 0, pixels per degree")
     if filters not in FILTERS:
         raise ValueError(f"filters is {filters!r}; allowed are {', '.join(FILTERS)}")
-    spectra = dctn(apply_matrix(XYZ_TO_OPPONENT, xyz), axes=(1, 2), norm="ortho")
+    spectra = scipy.fft.dctn(apply_matrix(XYZ_TO_OPPONENT, xyz), axes=(1, 2), norm="ortho")
     for spectrum, terms in zip(spectra, FILTERS[filters], strict=True):
         spectrum *= _transfer(terms, spectrum.shape, samples).astype(spectrum.dtype)
-    return apply_matrix(np.linalg.inv(XYZ_TO_OPPONENT), idctn(spectra, axes=(1, 2), norm="ortho"))
+    return apply_matrix(np.linalg.inv(XYZ_TO_OPPONENT), scipy.fft.idctn(spectra, axes=(1, 2), norm="ortho"))
 
 
 def scielab(

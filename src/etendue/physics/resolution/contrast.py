@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
 FloatArray = NDArray[np.floating]
 Response = Callable[[FloatArray], FloatArray]  # (n,) cycles/um -> (n,), 1 at zero
@@ -94,12 +94,14 @@ def _bracket(level: float, grid: FloatArray, values: FloatArray, last: bool) -> 
     return None if below.size == 0 or below[0] == 0 else (level, int(below[0]) - 1)
 
 
-def _solved(response: Response, brackets: list[Bracket], grid: FloatArray, values: FloatArray, spline: PPoly | None = None) -> list[float]:
+def _solved(
+    response: Response, brackets: list[Bracket], grid: FloatArray, values: FloatArray, spline: scipy.interpolate.PPoly | None = None
+) -> list[float]:
     """The crossings of some levels, with one call of the response where nothing goes wrong; NaN for None."""
     asked = [b for b in brackets if b is not None]
     if not asked:
         return [math.nan] * len(brackets)
-    spline = CubicSpline(grid, values) if spline is None else spline
+    spline = scipy.interpolate.CubicSpline(grid, values) if spline is None else spline
     places = np.array([_about(spline, level, grid[i], grid[i + 1]) for level, i in asked])
     found = response(places.ravel()).reshape(places.shape)
     roots = []
@@ -109,14 +111,14 @@ def _solved(response: Response, brackets: list[Bracket], grid: FloatArray, value
     return [math.nan if b is None else roots.pop(0) for b in brackets]
 
 
-def _about(spline: PPoly, level: float, low: float, high: float) -> FloatArray:
+def _about(spline: scipy.interpolate.PPoly, level: float, low: float, high: float) -> FloatArray:
     """Five places about where the spline crosses a level between two nodes."""
     inner = np.linspace(low, high, 2 * FEW + 1)
     guess = float(inner[min(int(np.argmax(spline(inner) < level)), 2 * FEW)])
     return np.clip(guess + (high - low) / FEW * np.arange(-2, 3), 0.5 * low, None)
 
 
-def _on_spline(spline: PPoly, bracket: Bracket, grid: FloatArray) -> float:
+def _on_spline(spline: scipy.interpolate.PPoly, bracket: Bracket, grid: FloatArray) -> float:
     """Where the spline itself crosses a level: between 65 places of a step, by a straight line; NaN for None."""
     if bracket is None:
         return math.nan
@@ -157,17 +159,17 @@ class Curve:
     values: NDArray[Any]  # (nodes + 1,), signed
 
     @cached_property
-    def _splines(self) -> list[PPoly]:
+    def _splines(self) -> list[scipy.interpolate.PPoly]:
         size = np.abs(self.values)
-        every = CubicSpline(self.grid, np.stack([size, np.square(size), np.real(self.values)], axis=1))
-        return [PPoly.construct_fast(np.ascontiguousarray(every.c[:, :, i]), every.x) for i in range(3)]
+        every = scipy.interpolate.CubicSpline(self.grid, np.stack([size, np.square(size), np.real(self.values)], axis=1))
+        return [scipy.interpolate.PPoly.construct_fast(np.ascontiguousarray(every.c[:, :, i]), every.x) for i in range(3)]
 
     @property
-    def contrast(self) -> PPoly:
+    def contrast(self) -> scipy.interpolate.PPoly:
         return self._splines[0]
 
     @property
-    def real(self) -> PPoly:
+    def real(self) -> scipy.interpolate.PPoly:
         return self._splines[2]
 
     @cached_property

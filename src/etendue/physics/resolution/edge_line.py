@@ -8,8 +8,8 @@ Sources: moments of the squared gradient; Gauss-Newton.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
 FloatArray = NDArray[np.floating]
 Sites = NDArray[np.bool_]
@@ -31,7 +31,7 @@ def smooth(image: FloatArray, sites: Sites | None = None) -> tuple[FloatArray, S
         return _mean(image), None
     held = _mean(_mean(sites.astype(float)))
     value = _mean(_mean(np.where(sites, image, 0.0))) / np.where(held > 0, held, 1.0)
-    known = minimum_filter(held > 0, 3)
+    known = scipy.ndimage.minimum_filter(held > 0, 3)
     if not known.any():
         raise ValueError("sites names too few pixels; allowed is (y, x) with at least one True in every few pixels")
     return np.asarray(value, np.float64), known

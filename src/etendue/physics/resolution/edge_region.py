@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import map_coordinates, uniform_filter
+import scipy
 
 from etendue.physics.resolution.edge_line import FloatArray, Sites, gradient, lost
 
@@ -39,7 +39,7 @@ def find_edge(image: FloatArray, sites: Sites | None = None) -> tuple[tuple[int,
     """
     gy, gx = gradient(image, sites)
     energy = gy**2 + gx**2
-    jyy, jxx, jyx = (uniform_filter(part, AROUND, mode="constant") for part in (gy * gy, gx * gx, gy * gx))
+    jyy, jxx, jyx = (scipy.ndimage.uniform_filter(part, AROUND, mode="constant") for part in (gy * gy, gx * gx, gy * gx))
     total = jyy + jxx
     if not total.max() > 0:
         raise ValueError(lost("it is even all over"))
@@ -70,7 +70,7 @@ def _sampled(energy: FloatArray, place: tuple[float, float], turn: float, along:
     s, c = math.sin(turn), math.cos(turn)
     y = place[0] + along[:, None] * c + across * s
     x = place[1] - along[:, None] * s + across * c
-    return np.asarray(map_coordinates(energy, [y, x], order=1, mode="constant"), np.float64)
+    return np.asarray(scipy.ndimage.map_coordinates(energy, [y, x], order=1, mode="constant"), np.float64)
 
 
 def _centre(energy: FloatArray, row: float, column: float, turn: float) -> tuple[float, float]:
@@ -85,7 +85,7 @@ def _ends(energy: FloatArray, place: tuple[float, float], turn: float) -> tuple[
     """How far the ridge goes on to either side of a place."""
     reach = math.hypot(*energy.shape)
     along = np.arange(-math.ceil(reach), math.ceil(reach) + 1.0)
-    ridge = uniform_filter(_sampled(energy, place, turn, along, np.arange(-6.0, 6.5)).sum(1), 5)
+    ridge = scipy.ndimage.uniform_filter(_sampled(energy, place, turn, along, np.arange(-6.0, 6.5)).sum(1), 5)
     middle = len(along) // 2
     strength = float(np.median(ridge[middle - 6 : middle + 7]))
     weak = np.flatnonzero(ridge < ALIVE * strength)

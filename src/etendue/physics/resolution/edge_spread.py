@@ -11,9 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
-from scipy.special import sici
 
 from etendue.physics.resolution.edge_line import FloatArray, Sites, lost
 
@@ -83,10 +82,10 @@ def fit(distance: FloatArray, values: FloatArray, knot: float, half_width: float
         for b in range(a, DEGREE + 1):
             band[b - a] += np.bincount(first + a, basis[a] * basis[b], size)
     try:
-        factor = cholesky_banded(band, lower=True)
-    except LinAlgError:
+        factor = scipy.linalg.cholesky_banded(band, lower=True)
+    except scipy.linalg.LinAlgError:
         raise ValueError(lost("its pixels lie at too few distances from it")) from None
-    c = cho_solve_banded((factor, True), right)
+    c = scipy.linalg.cho_solve_banded((factor, True), right)
     slopes = np.stack([-((1 - t) ** 2), -4 * t + 3 * t**2, 1 + 2 * t - 3 * t**2, t**2]) / (2 * spacing)
     weights = c[first + np.arange(DEGREE + 1)[:, None]]
     rest = found - (weights * basis).sum(0)
@@ -132,7 +131,7 @@ class Curve:
         steps = np.diff(np.concatenate(whole, axis=-1))
         places = np.linspace(-ends, ends, steps.shape[-1])
         phase = 2 * np.pi * frequency
-        beyond = 2 * (np.cos(phase * ends) / ends - phase * (0.5 * np.pi - sici(phase * ends)[0]))
+        beyond = 2 * (np.cos(phase * ends) / ends - phase * (0.5 * np.pi - scipy.special.sici(phase * ends)[0]))
         wave = phase * places[:, None]
         shape = np.sinc(frequency * self.knot) ** DEGREE
         real = steps @ (np.cos(wave) * shape) + self.spread[..., None] * beyond
@@ -237,7 +236,7 @@ def influence(found: Fit, curve: Curve, rows: int, tails: bool) -> Curve:
     that the fit has taken, and the normal equations are those of the fit.
     """
     freedom = math.sqrt(found.rest.size / max(found.rest.size - len(found.coefficients), 1))
-    change = cho_solve_banded((found.factor, True), found.by_row(rows).T).T * freedom
+    change = scipy.linalg.cho_solve_banded((found.factor, True), found.by_row(rows).T).T * freedom
     outer, design = _far(found, curve.width, tails)
     own = design * found.rest[outer, None]
     moved = np.stack([np.bincount(found.row[outer], column, rows) for column in own.T], axis=1)

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
-from scipy.special import j0, j1
 
 from etendue.physics import require
 
@@ -49,14 +48,14 @@ class Spread:
         z = 2 * np.pi * np.multiply.outer(np.asarray(r, np.float64), self.frequency)
         if self.kind == "line":
             return np.asarray(np.cos(z) @ (2 * self.weight), np.float64)
-        return np.asarray(j0(z) @ (2 * np.pi * self.frequency * self.weight), np.float64)
+        return np.asarray(scipy.special.j0(z) @ (2 * np.pi * self.frequency * self.weight), np.float64)
 
     def slope(self, r: FloatArray) -> FloatArray:
         z = 2 * np.pi * np.multiply.outer(np.asarray(r, np.float64), self.frequency)
         turn = 2 * np.pi * self.frequency
         if self.kind == "line":
             return np.asarray(-np.sin(z) @ (2 * turn * self.weight), np.float64)
-        return np.asarray(-j1(z) @ (turn**2 * self.weight), np.float64)
+        return np.asarray(-scipy.special.j1(z) @ (turn**2 * self.weight), np.float64)
 
     def bend(self, r: FloatArray) -> FloatArray:
         """Second derivative along the line through both points."""
@@ -64,8 +63,8 @@ class Spread:
         turn = 2 * np.pi * self.frequency
         if self.kind == "line":
             return np.asarray(-np.cos(z) @ (2 * turn**2 * self.weight), np.float64)
-        share = np.where(z > 1e-4, j1(z) / np.where(z > 1e-4, z, 1.0), 0.5 - z * z / 16)
-        return np.asarray((share - j0(z)) @ (turn**3 * self.weight), np.float64)
+        share = np.where(z > 1e-4, scipy.special.j1(z) / np.where(z > 1e-4, z, 1.0), 0.5 - z * z / 16)
+        return np.asarray((share - scipy.special.j0(z)) @ (turn**3 * self.weight), np.float64)
 
     @property
     def highest(self) -> float:
@@ -216,7 +215,9 @@ def _rayleigh(spread: Spread, sparrow: float, dark: float, within: float = 0.0) 
     while far < NODES / spread.highest:
         near, far = far, 1.1 * far
         if _saddle(spread, far, within)[0] <= RAYLEIGH_SADDLE:
-            return float(brentq(lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, xtol=max(within, 1e-13) * far))
+            return float(
+                scipy.optimize.brentq(lambda s: _saddle(spread, s, within)[0] - RAYLEIGH_SADDLE, near, far, xtol=max(within, 1e-13) * far)
+            )
     return math.nan
 
 
@@ -236,7 +237,7 @@ def _first_rise(spread: Spread, derivative: Callable[[FloatArray], FloatArray], 
             low = max(at - step, 0.01 * step)
             if not derivative(np.array([low]))[0] < 0:
                 return None
-            return float(brentq(lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=max(within, 1e-14) * at))
+            return float(scipy.optimize.brentq(lambda x: float(derivative(np.array([x]))[0]), low, at, xtol=max(within, 1e-14) * at))
     return None
 
 
@@ -261,6 +262,6 @@ def _saddle(spread: Spread, separation: float, within: float = 0.0) -> tuple[flo
     if not slope(below) > 0 > slope(above):
         peak = float(x[at])
     else:
-        peak = float(brentq(slope, below, above, xtol=max(math.sqrt(within), 1e-15) * above))
+        peak = float(scipy.optimize.brentq(slope, below, above, xtol=max(math.sqrt(within), 1e-15) * above))
     middle, top = both(np.array([0.0, peak]))
     return (1.0, 0.0) if middle >= top else (float(middle / top), peak)

@@ -12,8 +12,8 @@ because it takes five box means whatever the window, is linear in each window an
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from etendue.physics import require
 
@@ -80,4 +80,4 @@ def _one(plane: NDArray, shot: float, floor: float, size: int) -> NDArray:
 
 
 def _box(plane: NDArray, size: int) -> NDArray:
-    return ndimage.uniform_filter(plane, size, mode="reflect")
+    return scipy.ndimage.uniform_filter(plane, size, mode="reflect")

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter
 
 NEAR = 0.95  # of the level of saturation: from here on a value may be cut off
 
@@ -33,7 +33,7 @@ def usable(frames: NDArray, level: ArrayLike, margin: int) -> NDArray[np.bool_]:
     (frame, y, x) array of bool
     """
     cut = (frames >= NEAR * np.asarray(level)[:, None, None, None].astype(frames.dtype)).any(axis=1)
-    return np.asarray(~maximum_filter(cut, size=(1, 2 * margin + 1, 2 * margin + 1)) if margin else ~cut)
+    return np.asarray(~scipy.ndimage.maximum_filter(cut, size=(1, 2 * margin + 1, 2 * margin + 1)) if margin else ~cut)
 
 
 def pooled(frames: NDArray, times: ArrayLike, used: NDArray[np.bool_]) -> NDArray:

@@ -9,8 +9,8 @@ a blurred copy is taken away.
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from etendue.physics import require
 
@@ -208,8 +208,8 @@ def unsharp(planes: NDArray, radius: float, amount: float, threshold: float = 0.
     taps = gaussian_taps(radius)
     if not np.issubdtype(planes.dtype, np.floating):
         planes = planes.astype(np.float64)
-    blurred = ndimage.correlate1d(planes, taps, axis=-2, mode="reflect")
-    blurred = ndimage.correlate1d(blurred, taps, axis=-1, mode="reflect")
+    blurred = scipy.ndimage.correlate1d(planes, taps, axis=-2, mode="reflect")
+    blurred = scipy.ndimage.correlate1d(blurred, taps, axis=-1, mode="reflect")
     detail = planes - blurred
     if threshold:
         detail = np.copysign(np.maximum(np.abs(detail) - planes.dtype.type(threshold), planes.dtype.type(0)), detail)

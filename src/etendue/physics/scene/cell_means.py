@@ -12,7 +12,7 @@ from math import pi, sqrt
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
+import scipy
 
 FloatArray = npt.NDArray[np.floating]
 Paint = Callable[[FloatArray, FloatArray], FloatArray]  # y and x that broadcast -> value
@@ -94,7 +94,7 @@ def spot_mean(distance: FloatArray, rms_width: float, cell: float) -> FloatArray
     Exact however narrow the spot: all of its light is in some cell. Error: 1e-15 of the value.
     """
     half, size = 0.5 * float(cell), np.abs(distance)
-    share = ndtr((half - size) / rms_width) - ndtr((-half - size) / rms_width)
+    share = scipy.special.ndtr((half - size) / rms_width) - scipy.special.ndtr((-half - size) / rms_width)
     return share * (sqrt(2 * pi) * float(rms_width) / float(cell))
 
 
@@ -151,13 +151,13 @@ def _density(t: FloatArray) -> FloatArray:
 def _ramp(t: FloatArray, softness: float) -> FloatArray:
     """The integral of the soft step."""
     far = _in_softnesses(t, softness)
-    return t * ndtr(far) + softness * _density(far)
+    return t * scipy.special.ndtr(far) + softness * _density(far)
 
 
 def _bowl(t: FloatArray, softness: float) -> FloatArray:
     """The integral of the ramp."""
     far = _in_softnesses(t, softness)
-    return 0.5 * ((np.square(t) + softness**2) * ndtr(far) + softness * t * _density(far))
+    return 0.5 * ((np.square(t) + softness**2) * scipy.special.ndtr(far) + softness * t * _density(far))
 
 
 def _in_softnesses(t: FloatArray, softness: float) -> FloatArray:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
+import scipy
 
 from etendue.physics.scene import cell_means
 
@@ -91,7 +91,7 @@ def soft_step(distance: FloatArray, softness: float, cell: float = 0.0) -> Float
     if softness == 0:
         return np.heaviside(distance, distance.dtype.type(0.5))
     with np.errstate(over="ignore"):
-        return ndtr(distance / float(softness))
+        return scipy.special.ndtr(distance / float(softness))
 
 
 def soft_box(position: FloatArray, start: float, stop: float, softness: float, cell: float = 0.0) -> FloatArray:

@@ -4,11 +4,13 @@ In:  numbers of samples before and after.
 Out: the matrix that resamples one axis.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
 _BLOCK = 1 << 22  # values that are decoded at a time
 
@@ -36,17 +38,45 @@ def area_weights(n_in: int, n_out: int) -> npt.NDArray[np.float64]:
     -----
     Overlaps are counted in whole parts of the length, n_in n_out of them: a weight is one rounded quotient.
     """
-    return _weights(n_in, n_out).toarray()
+    pieces = _pieces(n_in, n_out)
+    found = np.zeros((int(n_out), int(n_in)))
+    np.add.at(found, (np.arange(len(found))[:, None], pieces.place), pieces.share)
+    return found
 
 
-def _weights(n_in: int, n_out: int) -> csr_array:
-    """`area_weights` without its zeros: one entry for every piece between the ends of samples before and after."""
+@dataclass(frozen=True)
+class _Pieces:
+    """`area_weights` without its zeros: the pieces of each sample after between the ends of samples before, in order.
+
+    Samples of fewer pieces than others have more of their last sample, with the share 0.
+    """
+
+    place: npt.NDArray[np.intp]  # (n_out, pieces)
+    share: npt.NDArray[np.float64]
+
+    def of(self, rows: npt.NDArray[np.float64], before: int = 0) -> npt.NDArray[np.float64]:
+        """Averages of the rows of a picture, the first of which is number ``before``: one sum each, in the order of the rows."""
+        found = np.zeros((len(self.place), *rows.shape[1:]))
+        for place, share in zip(self.place.T - before, self.share.T, strict=True):
+            found += share[:, None] * rows[place]
+        return found
+
+    def between(self, first: int, last: int) -> _Pieces:
+        return _Pieces(self.place[first:last], self.share[first:last])
+
+
+def _pieces(n_in: int, n_out: int) -> _Pieces:
     for name, value in (("n_in", n_in), ("n_out", n_out)):
         if value != int(value) or value < 1:
             raise ValueError(f"{name} must be a whole number above 0, got {value}")
     n_in, n_out = int(n_in), int(n_out)
     ends = np.union1d(n_in * np.arange(n_out + 1), n_out * np.arange(n_in + 1))
-    return csr_array((np.diff(ends) / n_in, (ends[:-1] // n_in, ends[:-1] // n_out)), shape=(n_out, n_in))
+    after, before, share = ends[:-1] // n_in, ends[:-1] // n_out, np.diff(ends) / n_in
+    counts = np.bincount(after, minlength=n_out)
+    starts = np.cumsum(counts) - counts
+    number = np.arange(counts.max())
+    entry = starts[:, None] + np.minimum(number, counts[:, None] - 1)
+    return _Pieces(before[entry], np.where(number < counts[:, None], share[entry], 0.0))
 
 
 def area_average(
@@ -78,14 +108,14 @@ def area_average(
     Error: 3e-16 against ``down @ picture @ across.T``.
     """
     height, width, channels = picture.shape
-    down, across = _weights(height, rows), _weights(width, columns)
+    down, across = _pieces(height, rows), _pieces(width, columns)
     each = max(1, _BLOCK * rows // (width * channels * max(height, rows)))
     found = np.empty((channels, rows, columns))
     for first in range(0, rows, each):
         last = min(first + each, rows)
         top, bottom = first * height // rows, -(-last * height // rows)
         linear = decode(picture[top:bottom])
-        weights = down[first:last][:, top:bottom]
+        weights = down.between(first, last)
         for channel in range(channels):
-            found[channel, first:last] = (across @ (weights @ linear[..., channel]).T).T
+            found[channel, first:last] = across.of(weights.of(np.ascontiguousarray(linear[..., channel]), top).T.copy()).T
     return found

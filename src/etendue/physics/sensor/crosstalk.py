@@ -19,9 +19,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy.special import erfcx, ndtr
 
 from etendue.physics.sensor import photodiode
 from etendue.physics.sensor.cfa import Mask, channel_index, continued
@@ -97,7 +96,7 @@ def _half_space(t: FloatArray, absorption: float) -> FloatArray:
     x = absorption * np.sqrt(t)
     far = 1.0 / np.maximum(2.0 * x * x, 1.0)
     series = far * (1.0 - 3.0 * far * (1.0 - 5.0 * far * (1.0 - 7.0 * far)))
-    near = 1.0 - math.sqrt(math.pi) * x * erfcx(x)
+    near = 1.0 - math.sqrt(math.pi) * x * scipy.special.erfcx(x)
     return np.where(x > 50.0, series, near) / np.sqrt(math.pi * t)
 
 
@@ -146,7 +145,7 @@ def pixel_shares(t: FloatArray, light: float, pitch: float, reach: int, offset: 
 
     def rest(u: FloatArray) -> FloatArray:  # integral of the tail beyond |u|
         s = np.abs(u) / sigma
-        return sigma * (np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi) - s * ndtr(-s))
+        return sigma * (np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi) - s * scipy.special.ndtr(-s))
 
     # up to an edge: integral over the window of the chance to lie below it
     below = (np.maximum(high, 0.0) - np.maximum(low, 0.0)) / light + (rest(high) - rest(low)) / light
@@ -235,6 +234,8 @@ def diffuse(mosaic: FloatArray, kernel: FloatArray, mask: Mask, first_row: int =
     """
     rows, columns = mosaic.shape
     r = (kernel.shape[1] - 1) // 2
+    if r == 0 and (kernel == 1).all():  # all charge stays where it is
+        return np.array(mosaic)
     height, width = mask.period
     extended = mosaic[np.ix_(continued(rows, height, r), continued(columns, width, r))]
     index = channel_index(mask, extended.shape[0], extended.shape[1], first_row - r, first_column - r)

@@ -5,7 +5,7 @@ Out: planes (channel, y, x): blurred and mixed as the mosaic is, without being a
 """
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
 
 from etendue.physics.sensor.cfa import Mask, channel_index, continued

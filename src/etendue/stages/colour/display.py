@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import RGB, XYZ, Displaying, Grid, Labels, Stage, measured, param
+from etendue.api import RGB, XYZ, Displaying, Grid, Haloed, Labels, measured, param
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.colour import matrices
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -64,7 +64,7 @@ def check_display(name: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Display(Displaying):
+class Display(Displaying, Haloed):
     """Tristimulus values to linear display primaries: the inverse of primaries x cones (section 3.2 of the paper).
 
     An RGB space has no spectra: there it is the inverse of the matrix of its primaries and white.
@@ -108,7 +108,7 @@ class Display(Displaying):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Cones(Stage):
+class _Cones(Haloed):
     """Between a display's primaries and the cones of who looks at it; the display's white excites all three by 1."""
 
     negative: ClassVar = "keep"
@@ -164,7 +164,7 @@ class FromCones(_Cones, Displaying):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToXyz(Stage):
+class ToXyz(Haloed):
     """Linear RGB of the display to XYZ: of an RGB space, or by eq. 16 (EBU primaries) in full precision or as printed."""
 
     role: ClassVar = "tristimulus"
@@ -196,7 +196,7 @@ class ToXyz(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Encoding(Stage):
+class _Encoding(Haloed):
     """One of the encodings of a display."""
 
     negative: ClassVar = "keep"
@@ -229,6 +229,11 @@ class Encode(_Encoding):
         else:
             encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
         return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
+
+    def joined(self, parts: Any, sizes: Any) -> dict[str, Any]:
+        """The share of all values, from whole numbers of them."""
+        clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
+        return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import XYZ, Grid, Labels, Stage, Viewed, fitted, measured, param, quantity
+from etendue.api import XYZ, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
 from etendue.physics.colour import matrices
 from etendue.physics.mosaic import white_balance
 from etendue.stages.colour.display_white import MEASURED, TABLE_EDGES, white_name, white_of
@@ -128,7 +128,7 @@ class ColourFit(Collecting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraToXyz(Stage):
+class CameraToXyz(Haloed):
     """Camera primaries over the white, times the fitted matrix: what is shown as display white has Y = 1.
 
     That is the scene's white, but at most the level at which the first of the balanced channels clips (with
@@ -176,7 +176,7 @@ class CameraToXyz(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Balance(Viewed):
+class Balance(Viewed, Haloed):
     """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
 
     A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to ``floor`` and counted

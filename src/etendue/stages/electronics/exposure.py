@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Noisy, Sampled, ends, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
 from etendue.physics.electronics import amplifier, distributions, dynamic_range, noise
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exposure(Sampled, Noisy):
+class Exposure(Sampled, Noisy, Haloed):
     """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
 
     role: ClassVar = "exposure"
@@ -27,7 +27,6 @@ class Exposure(Sampled, Noisy):
     negative: ClassVar = "clip"  # the undershoot of band-limited light, once, in front of the Poisson draw
     nanoseconds: ClassVar = 3.0
     libraries: ClassVar = ("numpy",)
-    error: ClassVar = proved(2e-7, 1e-15)
 
     integration_time: float = quantity("integration_time")
     pixel_pitch: float = quantity("pixel_pitch")
@@ -38,6 +37,10 @@ class Exposure(Sampled, Noisy):
     sensor_serial: str = quantity("sensor_serial")
     prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
     dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel")
+    dark_pattern: bool = param(
+        True, fidelity=True, exact=True, reference="true: every pixel's own", settings=(False, True), costs=(0.75, 1.0),
+        doc="whether every pixel has the dark current that dark_nonuniformity draws; else all have its mean",
+    )  # fmt: skip
 
     def dark_charge(self, time: float) -> Any:
         """Mean dark charge after a time, electron."""
@@ -49,6 +52,7 @@ class Exposure(Sampled, Noisy):
         dark = float(self.dark_charge(self.integration_time))
         light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
         dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        dark_variance *= self.dark_pattern
         signal = (charge - dark_mean * dark) / light_mean
         return float(light_variance * signal**2 + dark_variance * dark**2)
 
@@ -59,7 +63,10 @@ class Exposure(Sampled, Noisy):
             signal *= rng_sensor.spread("prnu", self.prnu)
         dark = np.asarray(self.dark_charge(self.integration_time), dtype=kind)
         if self.dark_nonuniformity > 0 and dark > 0:
-            dark = dark * rng_sensor.spread("dark current", self.dark_nonuniformity)
+            if self.dark_pattern:
+                dark = dark * rng_sensor.spread("dark current", self.dark_nonuniformity)
+            else:
+                dark = dark * kind(noise.mean_factor(self.dark_nonuniformity))
         signal += dark
         return {"expected_charge": signal}
 
@@ -68,6 +75,16 @@ class Exposure(Sampled, Noisy):
         kind = photocurrent.dtype.type
         dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
         return {"expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+        """Of rounding. Without the pattern of the dark current, of which the mean is kept: the share of the variance of any pixel that it
+        would bring, since every pixel has at least the shot noise of its dark charge."""
+        rounding = 2e-7 if precision == "float32" else 1e-15
+        if self.dark_pattern or self.dark_nonuniformity == 0:
+            return rounding, "proved"
+        mean, variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        odds = variance * float(self.dark_charge(ends(self.integration_time)[1])) / mean
+        return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         """Between the darkest and the brightest light, each by a pattern of six sigma: one pixel in 1e9 lies beyond."""
@@ -81,7 +98,7 @@ class Exposure(Sampled, Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShotNoise(Sampled, Noisy):
+class ShotNoise(Sampled, Noisy, Haloed):
     """Photons arrive one by one: Poisson about the expected charge."""
 
     role: ClassVar = "shot noise"
@@ -93,7 +110,7 @@ class ShotNoise(Sampled, Noisy):
     noise: str = quantity("noise")
     exact_below: float = param(
         30.0, units="electron", at_least=10, infinite=True, fidelity=True, reference="inf: exact Poisson at every mean",
-        settings=(30.0, 100.0, 300.0, 1000.0, math.inf),
+        settings=(30.0, 100.0, 300.0, 1000.0, math.inf), costs=(1.0, 1.0, 1.0, 1.05, 1.35),
         doc="above this mean the draw is a Cornish-Fisher form within 1.2e-4 (30 / mean)^1.5 of Poisson in total variation",
     )  # fmt: skip
 
@@ -110,6 +127,10 @@ class ShotNoise(Sampled, Noisy):
 
     def variance(self, charge: float) -> float:
         return charge
+
+    def halo(self) -> int | None:
+        """Common draws are one for each pixel; independent ones are asked for in an order that all of the frame decides."""
+        return 0 if self.common_draws else None
 
     def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
         if self.common_draws:

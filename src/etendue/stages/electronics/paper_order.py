@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Stage, param, proved, quantity
+from etendue.api import Haloed, param, proved, quantity
 from etendue.physics.electronics import amplifier, dynamic_range
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChargeFraction(Stage):
+class ChargeFraction(Haloed):
     """Photocurrent as a share of the full well after a reference time: the noise-free mosaic of the paper's order."""
 
     role: ClassVar = "linearisation"
@@ -43,7 +43,7 @@ class ChargeFraction(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperExposure(Stage):
+class PaperExposure(Haloed):
     """Integration time and dynamic range behind the demosaic, as the paper has them (its Fig. 9c).
 
     Scaled by the time, clipped at the full well, and nothing below the smallest detectable charge (eq. 13, with the

@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Noisy, Sampled, Scaled, param, proved, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, Noisy, Sampled, Scaled, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier, Bounded, Sampled, Noisy):
+class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Haloed):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
@@ -74,7 +74,7 @@ class ReadNoise(Amplifier, Bounded, Sampled, Noisy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinePattern(Bounded, Sampled, Noisy):
+class LinePattern(Bounded, Sampled, Noisy, Haloed):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"
@@ -100,6 +100,10 @@ class LinePattern(Bounded, Sampled, Noisy):
 
     def variance(self, charge: float) -> float:
         return self.row_pattern**2 + self.column_pattern**2 + self.row_noise**2 + self.column_noise**2
+
+    def halo(self) -> int | None:
+        """New offsets of columns are drawn once for all rows."""
+        return None if self.column_noise > 0 else 0
 
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
         kind = charge.dtype.type

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Grid, Labels, Stage, param, quantity
+from etendue.api import RGB, Grid, Haloed, Labels, Stage, param, quantity
 from etendue.physics.mosaic import any_mask, bilinear, directional
 from etendue.physics.sensor import cfa
 from etendue.stages.sensor.masks import bayer_order, first_pixel, mask_of
@@ -40,7 +40,7 @@ class _Demosaic(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicNearest(_Demosaic):
+class DemosaicNearest(_Demosaic, Haloed):
     """The nearest sample of each colour."""
 
     gain: ClassVar = 1.0
@@ -49,9 +49,12 @@ class DemosaicNearest(_Demosaic):
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": bilinear.nearest(mosaic_linear, self.seen(y, x))}
 
+    def halo(self) -> int:
+        return 2
+
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicBilinear(_Demosaic):
+class DemosaicBilinear(_Demosaic, Haloed):
     """Means of the two or four nearest samples."""
 
     gain: ClassVar = 1.0
@@ -60,9 +63,12 @@ class DemosaicBilinear(_Demosaic):
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": bilinear.bilinear(mosaic_linear, self.seen(y, x))}
 
+    def halo(self) -> int:
+        return bilinear.REACH
+
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicColourDifference(_Demosaic):
+class DemosaicColourDifference(_Demosaic, Haloed):
     """The paper's: green first, then the differences to green, which hold fewer edges (its section 2.7)."""
 
     gain: ClassVar = 3.0  # |R| <= |G| + |K|, |K| <= |R| + |G|, each of gain 1
@@ -71,9 +77,12 @@ class DemosaicColourDifference(_Demosaic):
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": bilinear.colour_difference(mosaic_linear, self.seen(y, x))}
 
+    def halo(self) -> int:
+        return bilinear.REACH
+
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicDirectional(_Demosaic):
+class DemosaicDirectional(_Demosaic, Haloed):
     """Colour differences along rows and columns, weighted by direction similarity: our reconstruction of the idea the paper cites."""
 
     gain: ClassVar = None  # weights turn from rows to columns within the floor: errors may grow by its inverse
@@ -88,9 +97,12 @@ class DemosaicDirectional(_Demosaic):
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": directional.directional(mosaic_linear, self.seen(y, x), self.floor)}
 
+    def halo(self) -> int:
+        return directional.REACH
+
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicAny(Stage):
+class DemosaicAny(Haloed):
     """Piecewise-linear between the nearest samples of each channel, for any colour filter array; on Bayer it is the bilinear one."""
 
     role: ClassVar = "demosaicing"
@@ -110,6 +122,10 @@ class DemosaicAny(Stage):
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": any_mask.linear(mosaic_linear, mask_of(self.pattern), *first_pixel(y, x))}
+
+    def halo(self) -> int:
+        """At least a period: a frame of fewer rows is filled otherwise."""
+        return any_mask.reach_of(mask_of(self.pattern))
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic; what the method invents between samples is not an error of its arithmetic."""

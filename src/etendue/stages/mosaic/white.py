@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Grid, Labels, Stage, param, proved, quantity
+from etendue.api import Grid, Haloed, Labels, param, proved, quantity
 from etendue.physics.mosaic import white_balance
 from etendue.stages.electronics.gain_chain import GainChain
 from etendue.stages.electronics.known_noise import KnownNoise
@@ -133,7 +133,7 @@ class WhiteEstimate(KnownNoise):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BalanceMosaic(Stage):
+class BalanceMosaic(Haloed):
     """The mosaic over the white of each site's channel, in front of the demosaicer: a grey edge has no colours to invent.
 
     Gains are relative to the largest channel of the white, the first to clip: ``clipping_level`` stays the level at which it does. From

@@ -117,15 +117,17 @@ class Resolution(Probe):
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
     highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
     solved: bool = param(
-        True, fidelity=True, reference="true: on the curve itself", settings=(False, True),
+        True, fidelity=True, exact=True, reference="true: on the curve itself", settings=(False, True), costs=(0.55, 1.0),
         doc="whether crossings and contrast at the Nyquist frequency are asked of the curve itself; else splines on twice the nodes say",
     )  # fmt: skip
     point_nodes: int = param(
-        160, at_least=16, held=(16, 4096), fidelity=True, reference="320", settings=(48, 64, 96, 160, 320),
+        160, at_least=16, held=(16, 4096), fidelity=True, reference="320", settings=(48, 64, 96, 160, 240, 320),
+        costs=(0.78, 0.78, 0.84, 1.0, 1.08, 1.1),
         doc="of the integral behind the picture of a point, on which separations rest",
     )  # fmt: skip
     nodes: int = param(
-        512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 4096),
+        512, at_least=16, held=(16, 16384), fidelity=True, reference="4096 nodes", settings=(32, 64, 128, 256, 512, 1024, 2048, 4096),
+        costs=(0.95, 0.95, 0.95, 0.96, 1.0, 1.05, 1.17, 1.36),
         doc="frequencies at which a crossing is looked for, with splines between them",
     )  # fmt: skip
 

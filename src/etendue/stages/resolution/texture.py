@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from etendue.api import Probe, param, quantity
 from etendue.physics.resolution.siemens import StarResponse, star_response
@@ -198,8 +198,8 @@ def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tu
         return (plane, 0.0) if _textured(plane) else (None, 0.0)
     places = [(start + step * np.arange(n) - a) / b for n, (start, step), (a, b) in zip(shape, other, own, strict=True)]
     width = [REFERENCE * step / b for (_, step), (_, b) in zip(other, own, strict=True)]
-    blurred = ndimage.gaussian_filter(plane, width, truncate=TAIL, mode="mirror")
-    read = ndimage.map_coordinates(blurred, np.meshgrid(*places, indexing="ij"), order=ORDER, mode="mirror")
+    blurred = scipy.ndimage.gaussian_filter(plane, width, truncate=TAIL, mode="mirror")
+    read = scipy.ndimage.map_coordinates(blurred, np.meshgrid(*places, indexing="ij"), order=ORDER, mode="mirror")
     return (read, REFERENCE) if _textured(read) else (None, 0.0)
 
 

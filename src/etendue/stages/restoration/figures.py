@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from etendue.api import Stage, moves_light
 from etendue.physics.light import sampling
@@ -64,8 +64,8 @@ class System:
         if not self.nodes:
             return self._exact(fy, fx)
         nodes = np.arange(-self.nodes, self.nodes + 1) / self.nodes
-        rows = CubicSpline(nodes, self._exact(nodes, nodes), axis=1)(fy)
-        return CubicSpline(nodes, rows, axis=2)(fx)
+        rows = scipy.interpolate.CubicSpline(nodes, self._exact(nodes, nodes), axis=1)(fy)
+        return scipy.interpolate.CubicSpline(nodes, rows, axis=2)(fx)
 
     def _exact(self, fy: Any, fx: Any) -> Any:
         shares = self.shares()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Bounded, Facts, Grid, Stage, param, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, Stage, param, quantity
 from etendue.physics.restoration import denoise, sharpening
 from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.restoration.figures import FIGURES, LOOKS, System, figures
@@ -32,7 +32,7 @@ class Laplacian(Stage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sharpen(Laplacian, Bounded):
+class Sharpen(Laplacian, Bounded, Haloed):
     """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green, ``noise_gain`` of white noise."""
 
     reads: ClassVar = LOOKS
@@ -48,12 +48,15 @@ class Sharpen(Laplacian, Bounded):
         found = figures(asked, system, response, lambda: sharpening.noise_gain(self.strength))
         return {"rgb_camera": sharpening.sharpen(rgb_camera, self.strength), **found}
 
+    def halo(self) -> int:
+        return 1
+
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "strength is 0") if self.strength == 0 else None
 
 
 @dataclass(frozen=True, kw_only=True)
-class SharpenMosaic(Laplacian, Bounded):
+class SharpenMosaic(Laplacian, Bounded, Haloed):
     """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen behind).
 
     ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart: it
@@ -71,15 +74,21 @@ class SharpenMosaic(Laplacian, Bounded):
         mask_of(self.pattern)
 
     def run(self, mosaic_linear: Any) -> dict[str, Any]:
-        period = mask_of(self.pattern).period if self.planes == "own" else (1, 1)  # the same wherever a window starts
-        return {"mosaic_linear": sharpening.sharpen_mosaic(mosaic_linear, self.strength, period)}
+        return {"mosaic_linear": sharpening.sharpen_mosaic(mosaic_linear, self.strength, self.period())}
+
+    def period(self) -> tuple[int, int]:
+        """Rows and columns between neighbours, the same wherever a window starts."""
+        return mask_of(self.pattern).period if self.planes == "own" else (1, 1)
+
+    def halo(self) -> int:
+        return self.period()[0]
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         return (0.0, "strength is 0") if self.strength == 0 else None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unsharp(Bounded):
+class Unsharp(Bounded, Haloed):
     """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those above the threshold."""
 
     role: ClassVar = "sharpening"
@@ -101,6 +110,9 @@ class Unsharp(Bounded):
         system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
         found = figures(asked, system, response, lambda: sharpening.unsharp_noise_gain(self.radius, self.amount))
         return {"rgb_camera": sharpening.unsharp(rgb_camera, self.radius, self.amount, self.threshold), **found}
+
+    def halo(self) -> int:
+        return sharpening.gaussian_taps(self.radius).size // 2
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         return (4e-7 if precision == "float32" else 2e-15) * (1 + 2 * self.amount), "measured"

@@ -41,8 +41,8 @@ class Crosstalk(Collecting, Bounded):
 
     beyond: float = param(
         1e-8, above=0, at_most=0.1, fidelity=True, reference="1e-14: kernels as wide as the charge wanders",
-        settings=(1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
-        doc="share of the charge that may go farther than the kernels reach; it is spread over them",
+        settings=(0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-14),
+        doc="share of the charge that may go farther than the kernels reach; it is spread over them, and none wanders where that is all",
     )  # fmt: skip
 
     def prepare(self, coordinates: Any) -> Any:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import Facts, Grid, Stage, proved, quantity
+from etendue.api import Facts, Grid, Haloed, proved, quantity
 from etendue.physics.sensor import cfa
 from etendue.stages.sensor.masks import first_pixel, mask_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mosaic(Stage):
+class Mosaic(Haloed):
     """The colour filter array: each pixel keeps one channel, by its index on the sensor, whatever window is read."""
 
     role: ClassVar = "colour filter array"

@@ -52,7 +52,7 @@ class Diffusion(Transfer, Bounded, InSilicon):
     crosstalk: str = quantity("crosstalk")
     nodes: int = param(
         4096, at_least=0, at_most=1_000_000, fidelity=True, reference="0: evaluated at every frequency",
-        settings=(64, 128, 256, 512, 1024, 4096, 0),
+        settings=(64, 128, 256, 512, 1024, 4096, 0), costs=(0.85, 0.85, 0.86, 0.88, 0.9, 1.0, 1.6),
         doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
     )  # fmt: skip
 
@@ -110,7 +110,7 @@ class Pixel(Collecting, Summed):
     )  # fmt: skip
     kept_frequencies: float = param(
         1.0, above=0, at_most=1, fidelity=True, exact=True, reference="1: all that the grid carries",
-        settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0),
+        settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0), costs=(0.23, 0.24, 0.25, 0.26, 0.27, 0.35, 1.0),
         doc="share of the grid's Nyquist frequency beyond which light is left out",
     )  # fmt: skip
 

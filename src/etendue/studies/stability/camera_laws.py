@@ -21,7 +21,7 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import minimum_filter
+import scipy
 
 from etendue.registry import installed_stages
 from etendue.spec.stage import parameters_of, writes_of
@@ -180,7 +180,7 @@ def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
         if variable == "mosaic_linear":
             yield from monotone(array(tree, stage, variable), place, "time")
     display = array(tree, ENCODED, "rgb_display")
-    support = minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
+    support = scipy.ndimage.minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
     if same_white(made) and not array(tree, *LIFTED.split(".")).any():
         yield from white(display, support, float(np.abs(array(tree, *MATRIX.split("."))).max()))
 

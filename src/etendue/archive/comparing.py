@@ -1,0 +1,119 @@
+"""A keeper that keeps nothing: every cell that a run computes is held against the one an archive has, and forgotten.
+
+In:  an archive, a plan of the same cells.
+Out: a ``Compared`` for every variable of every cell, in the reports of the run; nothing is written anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etendue.archive.differing import Difference, between, together
+from etendue.archive.layout import cell_name
+from etendue.archive.stored import Stored, StoredArrays
+from etendue.errors import ArchiveError
+from etendue.plan.model import Cell, CellRef, Plan
+from etendue.plan.resume import Work, select
+from etendue.spec.ports import CellReport, Sheet, Written
+
+
+@dataclass(frozen=True, slots=True)
+class Compared(Written):
+    """In the place of a chunk written: how far a variable is from the stored one; ``damage`` where that cannot be read."""
+
+    difference: Difference | None = None
+    damage: str = ""
+
+    @classmethod
+    def of(cls, variable: str, difference: Difference | None, damage: str = "") -> Compared:
+        return cls(variable, 0, "", 0, 0, 0, difference, damage)
+
+
+@dataclass(frozen=True)
+class Comparing:
+    """The target of one cell: compares in the worker that made it, so that no array travels."""
+
+    cell: StoredArrays
+
+    def write(self, arrays: Mapping[str, Any]) -> tuple[Written, ...]:
+        """Hold arrays against the stored ones."""
+        found = []
+        for variable in self.cell.variables:
+            try:
+                found.append(Compared.of(variable, self._difference(variable, arrays[variable])))
+            except ArchiveError as error:
+                found.append(Compared.of(variable, None, str(error)))
+        return tuple(found)
+
+    def _difference(self, variable: str, array: Any) -> Difference:
+        bands = self.cell.bands(variable)
+        if not bands:
+            return between(self.cell.read(variable), array)
+        return together(between(self.cell.read_band(variable, band), array[band]) for band in bands)
+
+    def read(self, variable: str) -> Any:
+        return self.cell.read(variable)
+
+    def read_band(self, variable: str, band: int) -> Any:
+        """One band of what is stored: light that is too large to be held goes on from there, once it has been compared."""
+        return self.cell.read_band(variable, band)
+
+    def settle(self) -> None: ...
+
+
+class ComparingKeeper:
+    """Use as a context manager. ``compared`` holds what was found, ``reports`` what became of each cell."""
+
+    folder: Path | None = None
+    keeps_arrays, draws = False, False
+    mark: tuple[str, bytes] | None = None
+
+    def __init__(self, stored: Stored, names: Iterable[str]) -> None:
+        self.stored_cells, self.asked = stored, set(names)
+        self.reports: dict[str, CellReport] = {}
+        self.damaged: dict[str, str] = {}
+
+    def __enter__(self) -> ComparingKeeper:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def begin(self, asked: Plan) -> Work:
+        self.names = {ref: cell_name(asked, ref) for ref in asked.cells}
+        wanted = {ref for ref, name in self.names.items() if name in self.asked}
+        return Work(asked, {ref: ref for ref in asked.cells}, select(asked, set(), wanted))
+
+    def target(self, cell: Cell) -> Comparing | None:
+        name = self.names[cell.ref]
+        if name not in self.asked or name not in self.stored_cells.finished:
+            return None
+        try:
+            return Comparing(self.stored_cells.cell(name))
+        except ArchiveError as error:
+            self.damaged[name] = str(error)
+            return None
+
+    def place(self, ref: CellRef, variable: str) -> None: ...
+
+    def starting(self, refs: Iterable[CellRef]) -> None: ...
+
+    def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        self.reports.update({self.names[r.stage, r.index]: r for r in reports})
+        return {}
+
+    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
+        return {}
+
+    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+        return {}
+
+    def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
+        return False
+
+    def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
+
+    def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
+        return None, []

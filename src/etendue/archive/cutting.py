@@ -1,0 +1,118 @@
+"""How the variables of a plan are cut into shards and encoded: decided once, when an array is made, and written in the journal.
+
+In:  a plan and its layout, the axes as they are stored.
+Out: for every variable the block of axis values that share a shard, and the codec of its chunks.
+
+A shard holds the innermost axes. Axes that grow later get further shards of the same block: Zarr's grid is regular, and what is
+stored stays where it is; ``etendue compact`` cuts anew. Integers and what is smooth are compressed; floats behind a stage that draws
+random numbers are noise to a compressor, which takes longer than all else and saves little: they stay as they are, and so do small
+chunks (``benchmarks/archive.py`` prints the bytes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from etendue.archive.chunks import CODEC, RAW, Chunk
+from etendue.archive.layout import GroupLayout, Layout, VariableLayout
+from etendue.archive.manifest import DATA
+from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
+from etendue.plan.cost import LARGEST_WHOLE
+from etendue.plan.model import Plan
+
+SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
+Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces
+
+
+def by_band(variable: VariableLayout) -> bool:
+    """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
+    return variable.dims == ("wavelength", "y", "x") and bytes_of(variable) > LARGEST_WHOLE
+
+
+def pieces(variable: VariableLayout) -> int:
+    """Chunks of one cell."""
+    return variable.shape[0] if by_band(variable) else 1
+
+
+def bytes_of(variable: VariableLayout) -> int:
+    """Of one cell, as in memory."""
+    return int(np.prod(variable.shape)) * int(np.dtype(variable.dtype).itemsize)
+
+
+def cut(plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]], known: Blocks) -> dict[str, dict[str, dict[str, Any]]]:
+    """Block and codec of every variable; those that are known stay, unless the variable is another one now."""
+    noisy = _noisy(plan)
+    sizes = {path: tuple(len(values) for values in axes[path].values()) for path in layout.groups}
+    found: dict[str, dict[str, dict[str, Any]]] = {path: {} for path in layout.groups}
+    fresh: list[tuple[str, VariableLayout]] = []
+    for path, group in layout.groups.items():
+        for variable in group.variables.values():
+            old = known.get(path, {}).get(variable.name)
+            if old is not None and old["form"] == _form(variable) and len(old["block"]) == len(sizes[path]):
+                found[path][variable.name] = dict(old)
+            else:
+                fresh.append((path, variable))
+    blocks = blocks_of([(sizes[path], bytes_of(one), pieces(one)) for path, one in fresh])
+    for (path, variable), block in zip(fresh, blocks, strict=True):
+        noise = np.dtype(variable.dtype).kind == "f" and layout.groups[path].node in noisy
+        raw = noise or bytes_of(variable) // pieces(variable) < SMALL
+        found[path][variable.name] = {
+            "block": list(block),
+            "codec": RAW if raw else CODEC,
+            "form": _form(variable),
+            "pieces": pieces(variable),
+        }
+    return found
+
+
+def blocks_of(variables: Sequence[tuple[tuple[int, ...], int, int]]) -> list[tuple[int, ...]]:
+    """The blocks of variables given by sizes of their axes, bytes and chunks of a cell: large enough that there are few shards."""
+    largest = LARGEST
+    while True:
+        blocks = [block_of(*one, largest) for one in variables]
+        extra = sum(shards_of(one[0], block) - 1 for one, block in zip(variables, blocks, strict=True))
+        if extra <= EXTRA or largest >= LARGEST << 8:
+            return blocks
+        largest *= 2
+
+
+def _form(variable: VariableLayout) -> str:
+    return f"{variable.dtype} {'x'.join(map(str, variable.shape))}"
+
+
+def _noisy(plan: Plan) -> set[str]:
+    """The stages that draw random numbers, and all behind them."""
+    found: set[str] = set()
+    for node in plan.nodes:
+        if node.is_random or any(source in found for bound in node.inputs for _, source, _ in bound):
+            found.add(node.name)
+    return found
+
+
+def chunk_shapes(variable: VariableLayout, block: list[int]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+    """Shapes of a chunk and of its shard; no shard for a single number."""
+    whole = tuple(max(n, 1) for n in variable.shape)
+    own = (1, *whole[1:]) if by_band(variable) else whole
+    return (*(1 for _ in block), *own), (*block, *whole) if block or whole else None
+
+
+def chunks_at(path: str, group: GroupLayout, place: tuple[int, ...], blocks: Mapping[str, Mapping[str, Any]]) -> tuple[Chunk, ...]:
+    """The chunks at one position of the axes of a group."""
+    chunks = []
+    for variable in group.variables.values():
+        block, banded = blocks[variable.name]["block"], by_band(variable)
+        count = pieces(variable)
+        slot = 0
+        for at, size in zip(place, block, strict=True):
+            slot = slot * size + at % size
+        where = ".".join(["c", *(str(at // size) for at, size in zip(place, block, strict=True)), *("0" for _ in variable.shape)])
+        file = f"{DATA}/{path}/{variable.name}/{where}"
+        slots = prod(block) * count if block or variable.shape else 0
+        shape, codec = variable.shape[1:] if banded else variable.shape, blocks[variable.name]["codec"]
+        for band in range(count):
+            chunks.append(Chunk(variable.name, file, slot * count + band, slots, variable.dtype, shape, codec, band if banded else None))
+    return tuple(chunks)

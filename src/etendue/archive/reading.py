@@ -1,0 +1,242 @@
+"""An archive read without its plan: every cell that the journal calls done, and where each of its chunks lies.
+
+In:  the folder of an archive, finished, interrupted or being written.
+Out: cells with their chunks; arrays; what is damaged. Nothing is written.
+
+What is known stands in the journal: which part or shard holds the bytes of a chunk, its size and digest, how the variables of a group
+are cut and encoded. Metadata of the store is asked only in archives that have a file for every chunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.archive import disk
+from etendue.archive.chunks import CODEC, decode
+from etendue.archive.finding import Finder
+from etendue.archive.journal import NAME, Entry, Read, read
+from etendue.archive.manifest import DATA
+from etendue.archive.shards import Place, fits, part_path, read_bytes
+from etendue.errors import ArchiveError
+from etendue.spec.ports import Written
+
+FINISHED = ("done", "left_out")
+ELSEWHERE = "the index of its shard names another place"  # which costs no cell: the journal knows the right one
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the chunks of a variable are."""
+
+    dtype: str
+    shape: tuple[int, ...]  # of one cell
+    codec: str
+    block: tuple[int, ...]  # axis values that share a shard
+    pieces: int = 1  # chunks of one cell: its bands, where they are stored one by one
+
+    @property
+    def slots(self) -> int:
+        """Chunks of a shard; 0 for a file that is the chunk itself."""
+        return prod(self.block) * self.pieces if self.block or self.shape else 0
+
+
+@dataclass(frozen=True)
+class StoredChunk:
+    """One chunk of a cell: which variable, and where the journal says its bytes were put."""
+
+    group: str
+    variable: str
+    form: Form
+    written: Written
+
+    @property
+    def position(self) -> tuple[int, ...]:
+        """Of the cell along the stored axes of its group."""
+        slot, local = self.written.slot // self.form.pieces, []
+        for size in reversed(self.form.block):
+            slot, at = divmod(slot, size)
+            local.append(at)
+        shard = self.written.path.rpartition("/")[2].split(".")[1 : 1 + len(self.form.block)]
+        return tuple(int(n) * size + at for n, size, at in zip(shard, self.form.block, reversed(local), strict=True))
+
+    @property
+    def band(self) -> int | None:
+        """Which band of the variable it is; None: all of it."""
+        return self.written.slot % self.form.pieces if self.form.pieces > 1 else None
+
+
+@dataclass(frozen=True)
+class StoredCell:
+    """A cell that the journal calls done."""
+
+    name: str  # "sharpen f_number=2.0 pixel_pitch=3.0"
+    entry: Entry
+    chunks: tuple[StoredChunk, ...]
+
+    @property
+    def stage(self) -> str:
+        return self.name.split(" ")[0]
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Something that is not as it was written."""
+
+    path: str  # below the archive
+    what: str
+    cell: str = ""  # whose chunk it is; '': the index of a shard, which costs no cell
+    variable: str = ""
+    slot: int | None = None
+
+
+class StoredArchive:
+    """The cells of an archive. ``open_archive`` makes one.
+
+    Attributes
+    ----------
+    journal : everything that it says
+    cells : by name, those that are done
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.journal: Read = read(folder / NAME)
+        self.finder = Finder(folder, self.journal)
+        self._forms: dict[tuple[str, str], Form] = {}
+
+    @cached_property
+    def cells(self) -> Mapping[str, StoredCell]:
+        done = {name: entry for name, entry in self.journal.entries.items() if entry.event == "done"}
+        return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
+
+    def place(self, chunk: StoredChunk, fresh: bool = False) -> Place | None:
+        """Where the bytes of a chunk lie now; None where they are lost. ``fresh``: they are read and held against their digest."""
+        if self.journal.files_a_cell:
+            return Place(chunk.written.path, 0, chunk.written.size, 0) if (self.folder / chunk.written.path).is_file() else None
+        return self.finder.find(chunk.written, chunk.form.slots, fresh)
+
+    def read(self, cell: StoredCell, variable: str) -> Any:
+        """The array of one variable of a cell.
+
+        Raises
+        ------
+        ArchiveError
+            It was not kept, or it is damaged.
+        """
+        own = [chunk for chunk in cell.chunks if chunk.variable == variable]
+        if not own:
+            raise ArchiveError(f"{self.folder}: of {cell.name} no {variable} is kept")
+        arrays = [self._array(chunk) for chunk in sorted(own, key=lambda chunk: chunk.written.slot)]
+        whole = arrays[0] if len(arrays) == 1 else np.stack(arrays)
+        return whole.reshape(own[0].form.shape)
+
+    def check(self, cells: Iterable[StoredCell] | None = None) -> Iterator[Damage]:
+        """Read every chunk of some cells (all), in the order of the files, and every index beside them; gives what is damaged."""
+        chunks = [(cell, chunk, self._lies(chunk)) for cell in (self.cells.values() if cells is None else cells) for chunk in cell.chunks]
+        chunks.sort(key=lambda one: (one[2].file, one[2].offset))
+        for cell, chunk, place in chunks:
+            what = self._damage(chunk, place)
+            if what:
+                yield Damage(place.file, what, cell.name, chunk.variable, chunk.written.slot)
+        if not self.journal.files_a_cell:
+            yield from self._indexes({chunk.written.path: chunk.form.slots for _, chunk, _ in chunks})
+
+    def _indexes(self, slots: Mapping[str, int]) -> Iterator[Damage]:
+        for path, count in sorted(slots.items()):
+            if self.finder.odd(path, count):
+                state = self.finder.state(path, count)
+                yield Damage(path, "missing" if state is None else "its index is damaged" if state.index is None else "its size is another")
+
+    def _lies(self, chunk: StoredChunk) -> Place:
+        """Where a chunk lies, or would lie."""
+        written = chunk.written
+        return self.place(chunk) or Place(
+            written.path if written.path in self.journal.shards else part_path(written), written.offset, written.size, written.digest
+        )
+
+    def _damage(self, chunk: StoredChunk, place: Place) -> str:
+        try:
+            data = read_bytes(self.folder, place)
+        except OSError:
+            return "missing"
+        if self.journal.files_a_cell:
+            try:
+                decode(data, chunk.form.dtype, self._chunk_shape(chunk), chunk.form.codec)
+            except ArchiveError as error:
+                return str(error)
+            return ""
+        if not fits(data, place):
+            return "cut off" if len(data) < place.size else "its bytes do not fit their checksum"
+        state = self.finder.state(chunk.written.path, chunk.form.slots)
+        if place.file == chunk.written.path and state and state.index and state.index.get(chunk.written.slot) != (place.offset, place.size):
+            return ELSEWHERE
+        return ""
+
+    def _array(self, chunk: StoredChunk) -> Any:
+        place = self.place(chunk)
+        path, slot = chunk.written.path, chunk.written.slot
+        if place is None:
+            raise ArchiveError(f"{self.folder / path}: chunk {slot} is missing")
+        data = read_bytes(self.folder, place)
+        if not self.journal.files_a_cell and not fits(data, place):
+            raise ArchiveError(f"{self.folder / path}: the bytes of chunk {slot} do not fit their checksum")
+        return decode(data, chunk.form.dtype, self._chunk_shape(chunk), chunk.form.codec)
+
+    @staticmethod
+    def _chunk_shape(chunk: StoredChunk) -> tuple[int, ...]:
+        return chunk.form.shape[1:] if chunk.form.pieces > 1 else chunk.form.shape
+
+    # -- what the chunks are ------------------------------------------------------------------------------------------
+
+    def chunk(self, written: Written) -> StoredChunk:
+        """A chunk that the journal names, with the form of its variable."""
+        folder = written.path.rpartition("/")[0]
+        group, _, variable = folder.removeprefix(f"{DATA}/").rpartition("/")
+        form = self._forms.get((group, variable))
+        if form is None:
+            form = self._forms[group, variable] = self._form(group, variable)
+        return StoredChunk(group, variable, form, written)
+
+    def _form(self, group: str, variable: str) -> Form:
+        known = self.journal.blocks.get(group, {}).get(variable)
+        if known is None:
+            return self._form_of_files(f"{group}/{variable}")
+        dtype, _, shape = known["form"].partition(" ")
+        sizes = tuple(int(n) for n in shape.split("x") if n)
+        return Form(dtype, sizes, known["codec"], tuple(known["block"]), known["pieces"])
+
+    def _form_of_files(self, path: str) -> Form:
+        """Of an archive with a file for every chunk: as its metadata says."""
+        document = disk.read_document(self.folder / DATA / path / "zarr.json")
+        try:
+            assert document is not None
+            shape, dims = document["shape"], document["dimension_names"]
+            chunks = document["chunk_grid"]["configuration"]["chunk_shape"]
+            axes = len(self.journal.axes[path.rpartition("/")[0]])
+            assert len(shape) == len(dims) == len(chunks) >= axes
+            own, cut = tuple(shape[axes:]), tuple(chunks[axes:])
+            pieces = own[0] if own and cut[0] == 1 < own[0] else 1
+            return Form(str(document["data_type"]), own, CODEC, (1,) * axes, pieces)
+        except (AssertionError, KeyError, TypeError, IndexError):
+            raise ArchiveError(f"{self.folder / DATA / path}: nothing readable says what its chunks are") from None
+
+
+def open_archive(folder: Path) -> StoredArchive:
+    """An archive for reading.
+
+    Raises
+    ------
+    ArchiveError
+        There is none, or something in it is a link.
+    """
+    if not (folder / DATA).is_dir() or not (folder / NAME).is_file():
+        raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} with a {NAME} beside it)")
+    disk.Listing(folder)
+    return StoredArchive(folder)

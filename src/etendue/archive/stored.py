@@ -1,0 +1,167 @@
+"""The finished cells of an archive by name, with all that is needed to read them elsewhere, such as in a worker.
+
+In:  the folder of an archive.
+Out: names, and arrays held against the digests in the journal: what is not as it was written is refused, never filled in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.archive import disk
+from etendue.archive.chunks import decode
+from etendue.archive.journal import Entry, Read
+from etendue.archive.layout import STATUS, cell_label
+from etendue.archive.manifest import DATA, Manifest, digest_of, read_manifest
+from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
+from etendue.archive.shards import Place, fits, read_bytes
+from etendue.errors import ArchiveError
+
+LEDGER = "ledger"
+
+
+@dataclass(frozen=True)
+class StoredArrays:
+    """The arrays of one finished cell. Picklable: it may travel with the work."""
+
+    root: str
+    chunks: tuple[tuple[StoredChunk, Place | None], ...]
+    digested: bool  # whether the journal has digests: it had others in archives with a file for every chunk
+
+    @property
+    def variables(self) -> list[str]:
+        return list(dict.fromkeys(chunk.variable for chunk, _ in self.chunks))
+
+    def read(self, variable: str) -> Any:
+        """The array of a variable, held against the journal.
+
+        Raises
+        ------
+        ArchiveError
+            Something of it is missing, or not as it was written.
+        """
+        own = sorted((one for one in self.chunks if one[0].variable == variable), key=lambda one: one[0].written.slot)
+        arrays = [self._array(chunk, place) for chunk, place in own]
+        return (arrays[0] if len(arrays) == 1 else np.stack(arrays)).reshape(own[0][0].form.shape)
+
+    def read_band(self, variable: str, band: int) -> Any:
+        """One band of a variable that is stored by band."""
+        return next(self._array(chunk, place) for chunk, place in self.chunks if chunk.variable == variable and chunk.band == band)
+
+    def bands(self, variable: str) -> list[int]:
+        """The bands of a variable that is stored by band; none of another."""
+        return sorted(chunk.band for chunk, _ in self.chunks if chunk.variable == variable and chunk.band is not None)
+
+    def _array(self, chunk: StoredChunk, place: Place | None) -> Any:
+        path, shape = chunk.written.path, chunk.form.shape[1:] if chunk.form.pieces > 1 else chunk.form.shape
+        try:
+            data = read_bytes(Path(self.root), place) if place else None
+        except OSError:
+            data = None
+        if data is None or place is None:
+            raise ArchiveError(f"{path}: chunk {chunk.written.slot} is missing")
+        if self.digested and not fits(data, place):
+            raise ArchiveError(f"{path}: the bytes of chunk {chunk.written.slot} are not as they were written")
+        try:
+            return decode(data, chunk.form.dtype, shape, chunk.form.codec)
+        except ArchiveError as error:
+            raise ArchiveError(f"{path}: {error}") from None
+
+
+class Stored:
+    """An archive opened for reading alone. Nothing of it is changed."""
+
+    def __init__(self, folder: Path, check_links: bool = True) -> None:
+        self.folder = folder
+        self.archive = open_archive(folder) if check_links else StoredArchive(folder)
+
+    @property
+    def journal(self) -> Read:
+        return self.archive.journal
+
+    @cached_property
+    def finished(self) -> dict[str, Entry]:
+        """Every finished cell by name."""
+        return {name: cell.entry for name, cell in self.archive.cells.items()}
+
+    def variables(self) -> set[tuple[str, str]]:
+        """The (stage, variable) pairs of which a finished cell is stored."""
+        return {(cell.stage, chunk.variable) for cell in self.archive.cells.values() for chunk in cell.chunks}
+
+    def cell(self, name: str) -> StoredArrays:
+        """A finished cell. Arrays that were given up since (``keep``) are not in it."""
+        chunks = self.archive.cells[name].chunks
+        there = tuple((chunk, self.archive.place(chunk)) for chunk in chunks if self.keeps(chunk.group, chunk.variable))
+        return StoredArrays(str(self.folder), there, not self.journal.files_a_cell)
+
+    def keeps(self, group: str, variable: str) -> bool:
+        """Whether the archive still has an array: one that was given up since stays in the lines of its cells."""
+        return self.manifest is None or f"{group}/{variable}" in self.nodes
+
+    def axes(self) -> dict[str, dict[str, list[Any]]]:
+        """Axis values by group, from the coordinates in the store; of groups whose coordinates are as they were written."""
+        import zarr
+
+        found = {}
+        for group in sorted({node.rpartition("/")[0] for node in self.nodes if node.endswith("/status")}):
+            dims = [str(dim) for dim in (disk.read_document(self._path(group, "status", "zarr.json")) or {}).get("dimension_names") or []]
+            shown = {
+                path for node in (*dims, "status") for path in self._files(group, node) if node != "status" or path.endswith("zarr.json")
+            }
+            if all(f"{group}/{dim}" in self.nodes for dim in dims) and self._hold(shown):
+                arrays = {dim: zarr.open_array(str(self._path(group, dim)), mode="r")[...] for dim in dims}
+                found[group] = {dim: np.asarray(array).tolist() for dim, array in arrays.items()}
+        return found
+
+    def by_status(self) -> Iterator[tuple[str, str]]:
+        """(group, name) of every cell that is finished by its status, where status and coordinates are as they were written."""
+        import zarr
+
+        for group, axes in self.axes().items():
+            if not self._hold(self._files(group, "status")):
+                continue
+            status = np.asarray(zarr.open_array(str(self._path(group, "status")), mode="r")[...])
+            for place in np.argwhere(np.isin(status, [STATUS.index(one) for one in FINISHED])):
+                labels = {dim: values[at] for at, (dim, values) in zip(place, axes.items(), strict=True)}
+                yield group, cell_label(group.split("/")[0], labels)
+
+    def by_ledger(self) -> set[tuple[Any, ...]] | None:
+        """(stage, key, status, clipped, clipped_flux) of every cell of the last run; None where its table is not as it was written."""
+        import zarr
+
+        columns = ("stage", "key", "status", "clipped", "clipped_flux")
+        if any(f"{LEDGER}/{name}" not in self.nodes or not self._hold(self._files(LEDGER, name)) for name in columns):
+            return None
+        rows = [np.asarray(zarr.open_array(str(self._path(LEDGER, name)), mode="r")[...]).tolist() for name in columns]
+        return set(zip(*rows, strict=True))
+
+    def _path(self, *parts: str) -> Path:
+        return self.folder.joinpath(DATA, *parts)
+
+    def _files(self, group: str, name: str) -> list[str]:
+        return [path for path in (self.manifest.metadata if self.manifest else ()) if path.startswith(f"{DATA}/{group}/{name}/")]
+
+    def _hold(self, paths: Iterable[str]) -> bool:
+        return self.manifest is not None and all(self.manifest.metadata[path] == digest_of(self.folder / path) for path in paths)
+
+    def odd(self) -> list[str]:
+        """Files of chunks that are missing, or whose size or index is not as they were put in their places; no chunk is read."""
+        slots = {
+            c.written.path: c.form.slots for cell in self.archive.cells.values() for c in cell.chunks if self.keeps(c.group, c.variable)
+        }
+        return [] if self.journal.files_a_cell else [path for path, count in slots.items() if self.archive.finder.odd(path, count)]
+
+    @cached_property
+    def manifest(self) -> Manifest | None:
+        return read_manifest(self.folder)
+
+    @cached_property
+    def nodes(self) -> set[str]:
+        """Every group and array that the manifest names."""
+        return self.manifest.nodes() if self.manifest else set()

@@ -1,0 +1,72 @@
+"""Whose an archive is: what tells it from a folder of somebody else, and what somebody else has put into it.
+
+In:  a folder, a listing of it.
+Out: ``ArchiveError`` where a run would write over, or among, what is not its own.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from etendue.archive import disk
+from etendue.archive.clearing import nodes_on_disk
+from etendue.archive.manifest import DATA, Manifest, digest_of
+from etendue.archive.provenance import latest_record
+from etendue.archive.tree import ROOT
+from etendue.errors import ArchiveError
+from etendue.spec.names import TABLES
+
+
+def check_ours(folder: Path) -> None:
+    """Refuse a directory that holds something else."""
+    names = set(os.listdir(folder)) if folder.is_dir() else {""}
+    begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(p.is_dir() for p in (folder / DATA).glob("*"))
+    if begun or "etendue" in _root_attributes(folder):
+        return
+    known = DATA in names and (latest_record(folder) or _is_journal(folder / "journal.jsonl"))
+    if not known:
+        raise ArchiveError(f"{folder} exists and is not an archive; name another with --archive DIR")
+
+
+def _is_journal(path: Path) -> bool:
+    """Whether a file begins like a journal of ours."""
+    return re.match(rb'\{"event":"(axes|arrays|start|done|run)"', disk.content_of(path) or b"") is not None
+
+
+def _root_attributes(folder: Path) -> dict[str, Any]:
+    found = (disk.read_document(folder / DATA / ROOT) or {}).get("attributes")
+    return found if isinstance(found, dict) else {}
+
+
+def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """The stages and the names of their axes, as the archive was created: from what is undamaged."""
+    root: Any = _root_attributes(folder).get("etendue")
+    axes = root.get("axes") if isinstance(root, dict) else None
+    whole = isinstance(axes, dict) and all(isinstance(names, list) for names in axes.values())
+    path = f"{DATA}/{ROOT}"
+    if whole and manifest and manifest.metadata.get(path) == digest_of(folder / path):
+        return axes
+    recorded = (record or {}).get("stages")
+    return recorded if isinstance(recorded, dict) else axes if whole else None
+
+
+def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:
+    """A group of somebody else beside ours may stay; in the place of ours, or in them, it would be lost or break the tree."""
+    for name in sorted(listing.folders.get(DATA, ())):
+        found = [name] if name not in stages and name not in TABLES else []
+        if found and name not in ours:
+            document = disk.read_document(folder / DATA / name / ROOT)
+            if document is None or document.get("node_type") == "group":
+                continue
+        else:
+            inside = nodes_on_disk(listing, name) if ours and name not in TABLES else []
+            found = [node for node in inside if node not in ours]
+        if found:
+            raise ArchiveError(
+                f"{folder / DATA / found[0]} was not written by a run of this archive, and stands where its own results do; "
+                f"move it elsewhere (a group of your own may stand in {DATA} itself)"
+            )

@@ -1,0 +1,133 @@
+"""What makes a cell the same cell: its key, and the words of its random numbers.
+
+In:  a stage at a combination of the axes, and the cells that stand before it.
+Out: the fields of its key and their digest; the words that key its random numbers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from etendue.plan import asking, words
+from etendue.plan.code import code_digest
+from etendue.plan.keys import digest, parameters_digest, version_of
+from etendue.plan.model import Alternative, Cell, CellRef, Node, chains, is_whole, scene_of
+from etendue.spec.capabilities import Sampled, is_random
+from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of
+
+NONE: Mapping[str, str] = MappingProxyType({})
+Head = tuple[str, Mapping[str, str], bool]  # text, versions of libraries, whether draws count
+AS_TEXT = json.JSONEncoder(sort_keys=True).encode
+
+
+class Recipes:
+    """``cells`` are those planned so far; ``expected``: means in the place of draws and rounding. ``versions`` of libraries stand in the
+    place of those that are installed."""
+
+    def __init__(
+        self, cells: Mapping[CellRef, Cell], nodes: Mapping[str, Node], seed: int, expected: bool, versions: Mapping[str, str]
+    ) -> None:
+        self.cells, self.nodes, self.pipeline_seed, self.expected = cells, nodes, seed, expected
+        self.stated = versions
+        self.words: dict[tuple[str, int], tuple[str, ...]] = {}
+        self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
+        self.heads: dict[tuple[Any, ...], Head] = {}
+        self.versions: dict[frozenset[str], dict[str, str]] = {}
+
+    def parameters(self, stage: Stage) -> str:
+        """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
+        known = self.digests.get(id(stage))
+        if known is None:
+            known = self.digests[id(stage)] = parameters_digest(stage)
+        return known
+
+    def key(
+        self,
+        node: Node,
+        stage: Stage,
+        one: Alternative,
+        inputs: Any,
+        looks_at: Any,
+        decided: Any,
+        seed: bytes,
+        open_words: Any,
+        precision: str,
+    ) -> tuple[Mapping[str, str], str]:
+        """The versions of libraries that stand in a cell's key, and the key."""
+        if decided:
+            main = next(iter(node.writes))
+            source = next(ref for _, ref, v in inputs if v == main)
+            return NONE, self.cells[source].key
+        averaged = self.expected and isinstance(stage, Sampled)
+        head, versions, draws = self.head(node, stage, one, precision, averaged, looks_at)
+        lines = [head, *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
+        if draws:
+            lines.append(seed.decode())  # values of ancestors count here even where a stage is left out
+            lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
+        if looks_at:
+            lines.append(AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at]))
+        return versions, digest("\n".join(lines).encode())
+
+    def head(self, node: Node, stage: Stage, one: Alternative, precision: str, averaged: bool, looks_at: Any) -> Head:
+        """What the keys of all cells of a stage at a node begin with."""
+        asked = [ref for port, refs in looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
+        libraries = frozenset().union(*(self.cells[ref].stage.libraries for ref in asked))
+        place = (node.name, id(stage), one.label, libraries if asked else None)
+        known = self.heads.get(place)
+        if known is not None:
+            return known
+        bound = is_random(type(stage)) or node.segment or asked
+        versions = self.versions_of(libraries.union(stage.libraries, ("numpy", "scipy") if bound else ()))
+        fields: dict[str, Any] = {
+            "stage": one.use, "code": one.digest, "parameters": self.parameters(stage), "precision": precision, "versions": versions,
+            "expected": averaged,
+        }  # fmt: skip
+        if is_random(type(stage)) and not averaged:
+            fields["seed"], fields["name"] = self.pipeline_seed, node.name
+        found = self.heads[place] = AS_TEXT(fields), versions, "rng" in arguments_of(type(stage)) and not averaged
+        return found
+
+    def looked_at(self, one: Alternative, port: str, cells: list[Cell]) -> Any:
+        """What counts of the cells that a stage looks at: of transfer functions the stages, left out or not."""
+        if looks(reads_of(one.kind)[port]) != "transfer":
+            return [[cell.node, cell.key] for cell in cells]
+        return [
+            [[c.node, c.use, code_digest(type(c.stage)), self.parameters(c.stage)] for c in cells],
+            [list(c.input_grids[c.inputs[0][0]].bands().edges) for c in cells[:1]],
+            [scene_of(self.cells, c).facts.rendered for c in cells[:1]],
+            [chains([c.node for c in cells], self.nodes), [is_whole(self.cells, c) for c in cells]],
+            [repr(g) for c in cells for g in c.grids.values()],
+        ]
+
+    def versions_of(self, libraries: frozenset[str]) -> dict[str, str]:
+        known = self.versions.get(libraries)
+        if known is None:
+            known = self.versions[libraries] = {name: self.stated.get(name) or version_of(name) for name in sorted(libraries)}
+        return known
+
+    def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
+        """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
+        if not is_random(type(stage)) or (self.expected and isinstance(stage, Sampled)):
+            return b"", ()
+        if asking.common_draws(stage):
+            return f"{self.pipeline_seed}|{node.name}|".encode(), ()
+        quantities = quantities_of(type(stage))
+        looked = [self.cells[ref] for _, refs in looks_at for ref in refs]
+        cells = words.behind(self.cells, [*(self.cells[ref] for p, ref, _ in inputs if p not in quantities), *looked])
+        lines = set(self.lines(node.name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
+        found = [(node.name, type(stage), one) for one in inputs if one[0] in quantities]
+        found += [(cell.node, type(cell.stage), one) for cell in cells for one in cell.found]
+        if not found:
+            return words.seed_of(self.pipeline_seed, node.name, lines), ()
+        awaited = tuple(words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found)
+        return "\n".join(sorted(lines)).encode(), awaited
+
+    def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
+        """A stage's words, taken once: it serves many cells."""
+        known = self.words.get((name, id(stage)))
+        if known is None:
+            known = self.words[(name, id(stage))] = words.own_lines(name, stage)
+        return known

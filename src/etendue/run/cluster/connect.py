@@ -1,0 +1,150 @@
+"""Who computes the batches of a run: a Dask scheduler at tcp:// or tls:// with its workers, or a cluster made for the run.
+
+In:  batches; where the cluster is.
+Out: ``after`` is told of every batch. A cluster that is not there, is lost, or has a worker that would give other bits is said to be that.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from etendue.errors import EtendueError, MachineError, RequestError, shortened
+from etendue.interrupts import is_ours
+from etendue.plan.model import CellRef
+from etendue.run.batches import Batch, BatchResult
+from etendue.run.cluster.alike import Common, Mark, Platform, common_of, refused
+from etendue.run.cluster.own import own_cluster
+from etendue.run.cluster.sending import Sending
+from etendue.run.cluster.watching import Lost
+from etendue.run.watch import Stop, Stopped
+from etendue.telling import plain, said
+
+OWN = "distributed"  # the name of a cluster that is made for the run
+ANSWER = "10s"  # how long the scheduler may take to answer at the start
+FIRST = 20.0  # seconds in which a first worker may come
+ASKED = 4  # times a worker that gives no answer is asked again
+
+
+def run_on_cluster(
+    batches: list[Batch], deliver: frozenset[CellRef], before: Callable[[Batch], None], after: Callable[[Batch, BatchResult], None],
+    address: str, workers: int, stop: Stop, cell_timeout: float | None, platform: Platform, mark: Mark | None = None,
+) -> None:  # fmt: skip
+    """Run batches at ``address``, or with ``workers`` processes of this machine where it is ``distributed``.
+
+    ``platform`` gives what bits depend on, ``mark`` is a file that every worker must see.
+
+    Raises
+    ------
+    RequestError
+        A package is missing.
+    MachineError
+        There is no cluster, or it cannot go on.
+    """
+    with _lost(address), _client(address, workers) as client:
+        stages = {type(job.stage) for batch in batches for job in batch.jobs}
+        common = common_of(uuid.uuid4().hex, sorted(stages, key=lambda kind: (kind.__module__, kind.__qualname__)), platform, mark)
+        _first_worker(client, address, stop)
+        _ask(client, address, common)
+        Sending(client, batches, deliver, before, after, common, stop, cell_timeout).run()
+
+
+@contextmanager
+def _client(address: str, workers: int) -> Iterator[Any]:
+    try:
+        import distributed
+    except ImportError:
+        raise RequestError(f"--scheduler {address} needs the package distributed: pip install 'etendue[distributed]'") from None
+    connect: Any = distributed.Client
+    for name in ("distributed", *logging.root.manager.loggerDict):  # what is lost is said once, here
+        if name.partition(".")[0] in ("distributed", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    if address == OWN:
+        with own_cluster(workers) as client:
+            yield client
+        return
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of versions that differ: those that matter are looked at below
+            client = connect(address, timeout=ANSWER, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
+        secure = "; a tls:// address needs certificates: see docs/cluster.md" if address.startswith("tls") else ""
+        raise MachineError(
+            f"--scheduler {address}: no Dask scheduler answers there ({shortened(' '.join(plain(str(error)).split()), 200)}){secure}; "
+            "start one with 'dask scheduler' and workers with 'dask worker', or use --scheduler threads"
+        ) from None
+    try:
+        yield client
+    finally:
+        try:
+            client.close(timeout=2)
+        except Exception:  # a client without its scheduler has nothing to close
+            pass
+
+
+@contextmanager
+def _lost(address: str) -> Iterator[None]:
+    """What goes wrong because the scheduler is no longer there is said to be that."""
+    try:
+        yield
+    except (EtendueError, Stopped):
+        raise
+    except (Lost, OSError, TimeoutError) as error:
+        raise _gone(address) from error
+    except BaseException as error:
+        if is_ours(error) or type(error).__name__ not in ("CancelledError", "FutureCancelledError", "ClosedClientError"):
+            raise
+        raise _gone(address) from error
+
+
+def _gone(address: str) -> MachineError:
+    return MachineError(
+        f"--scheduler {address}: the scheduler is gone; what is finished is kept: start it again and run again to go on, or go on with "
+        "--scheduler threads"
+    )
+
+
+def _first_worker(client: Any, address: str, stop: Stop) -> None:
+    until = time.monotonic() + FIRST
+    while not client.scheduler_info(n_workers=-1)["workers"]:
+        stop.check()
+        if time.monotonic() > until:
+            raise MachineError(
+                f"--scheduler {address}: the scheduler has had no workers for {FIRST:.0f} s; start some with: dask worker {address}"
+            )
+        time.sleep(0.1)
+
+
+def _ask(client: Any, address: str, common: Common) -> None:
+    """Refuse workers that would give other bits, or see another archive, before anything is sent."""
+    need = f"scheduler and workers need the etendue of this process ({common.has['etendue']}) and its plugins"
+    try:
+        client.run_on_scheduler(_there)
+    except Exception as error:
+        raise MachineError(f"--scheduler {address}: the scheduler cannot be asked ({shortened(said(error), 200)}); {need}") from None
+    answers = client.run(common.differences, on_error="return")
+    for _ in range(ASKED):
+        silent = [worker for worker, answer in answers.items() if isinstance(answer, BaseException)]
+        if silent:
+            time.sleep(0.5)  # one that has just died is forgotten by then
+            there = client.scheduler_info(n_workers=-1)["workers"]
+            answers = {worker: answer for worker, answer in answers.items() if worker in there}
+            if again := [worker for worker in silent if worker in there]:
+                answers |= client.run(common.differences, workers=again, on_error="return")
+    found = {}
+    for worker, answer in answers.items():
+        if isinstance(answer, BaseException):
+            answer = [f"no answer ({shortened(said(answer), 200)}): {need}"]
+        if answer:
+            found[worker] = answer
+    if found:
+        raise MachineError(f"--scheduler {address}: {refused(found)}")
+
+
+def _there() -> bool:
+    return True

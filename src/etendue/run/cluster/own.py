@@ -1,0 +1,74 @@
+"""A cluster of this machine for the length of a run: a scheduler in this process, workers as processes that are watched.
+
+In:  how many workers.
+Out: a Dask client. Scheduler and workers listen on loopback alone and talk TLS with a certificate that only they have: without it
+any program of the machine could have them run its code.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from etendue.errors import MachineError, RequestError
+from etendue.run.workers import quiet_tracker
+
+DEATHS = 1  # so many workers may die of a batch before its cells are tried one by one
+ENDING = 10.0  # seconds in which workers may end in order
+SILENT = logging.CRITICAL + 1
+
+
+@contextmanager
+def own_cluster(workers: int) -> Iterator[Any]:
+    """A client of ``workers`` worker processes, one thread each; a worker that dies is replaced."""
+    try:
+        import cryptography  # noqa: F401  # makes the certificate
+        import distributed
+    except ImportError as error:
+        raise RequestError(f"--scheduler distributed needs the package {error.name}: pip install 'etendue[distributed]'") from None
+    quiet_tracker()  # else Python unblocks the signal when it starts its own
+    # What is blocked here is blocked in the thread that starts the workers, and in them: Ctrl-C is the owner's to answer.
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    made: Any = distributed.LocalCluster
+    try:
+        cluster = made(
+            n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", protocol="tls://", dashboard_address=None,
+            security=distributed.Security.temporary(),  # type: ignore[no-untyped-call]
+            scheduler_kwargs={"allowed_failures": DEATHS}, silence_logs=SILENT,
+        )  # fmt: skip
+    except (OSError, RuntimeError, TimeoutError) as error:
+        raise MachineError(f"--scheduler distributed: the workers could not be started: {error}") from None
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    connect, patience = distributed.Client, 0.5
+    try:
+        client = connect(cluster, set_as_default=False)  # type: ignore[no-untyped-call]
+        yield client
+        patience = ENDING
+        with suppress(Exception):  # all is there
+            client.close(timeout=patience)  # type: ignore[no-untyped-call]
+    finally:
+        _end(cluster, patience)
+
+
+def _end(cluster: Any, patience: float) -> None:
+    """End a cluster whose work is done: in order, or where the machine is too busy for that, its workers by force."""
+    try:
+        if patience < ENDING:  # the run breaks off
+            _kill(cluster)
+        cluster.close(timeout=patience)
+    except Exception:
+        _kill(cluster)
+
+
+def _kill(cluster: Any) -> None:
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        process = getattr(getattr(nanny, "process", None), "process", None)
+        if process is not None and process.pid:
+            with suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGKILL)

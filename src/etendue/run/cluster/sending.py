@@ -1,0 +1,165 @@
+"""Batches to a cluster as they become ready, few per worker thread: scheduler and workers hold what is under way, not the graph.
+
+In:  batches in any order; a client.
+Out: ``after`` is told of every batch. Results stay with the workers until their last reader has ended; only reports, and arrays that
+were asked for, come here.
+"""
+
+from __future__ import annotations
+
+import heapq
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from etendue.plan.model import CellRef
+from etendue.run.batches import Batch, BatchResult
+from etendue.run.cluster.alike import Common
+from etendue.run.cluster.suspects import Suspects
+from etendue.run.cluster.tasks import as_bytes, compute, compute_and_tell, told
+from etendue.run.cluster.watching import Watching
+from etendue.run.order import depth_first
+from etendue.run.watch import GRACE, Stop, Stopped
+
+AHEAD = 3  # batches per worker thread that are sent: one at work, the others so that it need not wait
+LOOK = 0.2  # seconds between two looks at what is not told by itself
+
+
+@dataclass
+class Sent:
+    """A batch under way: its result, where others read it, and what is fetched when it has ended."""
+
+    result: Any
+    told: Any
+    at: float = field(default_factory=time.monotonic)
+
+
+class Sending:
+    """The batches of one run, on one cluster."""
+
+    def __init__(
+        self, client: Any, batches: list[Batch], deliver: frozenset[CellRef], before: Callable[[Batch], None],
+        after: Callable[[Batch, BatchResult], None], common: Common, stop: Stop, limit: float | None,
+    ) -> None:  # fmt: skip
+        self.client, self.deliver, self.before, self.after, self.common, self.stop = client, deliver, before, after, common, stop
+        self.batches = {batch.number: batch for batch in batches}
+        self.place = {n: place for place, n in enumerate(depth_first(self.batches, lambda n: self.batches[n].imports))}
+        self.awaits = {batch.number: len(batch.imports) for batch in batches}
+        self.readers: dict[int, list[int]] = {}
+        for batch in batches:
+            for number in batch.imports:
+                self.readers.setdefault(number, []).append(batch.number)
+        self.unread = {number: len(readers) for number, readers in self.readers.items()}
+        self.ready = [(self.place[n], n) for n, count in self.awaits.items() if not count]
+        heapq.heapify(self.ready)
+        self.unfinished = set(self.batches)
+        self.sent: dict[int, Sent] = {}
+        self.results: dict[int, Any] = {}  # of batches that have ended and are still read
+        self.suspected: list[int] = []
+        self.ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
+        self.watching = Watching(client, stop, limit, self.common.run)
+        self.suspects = Suspects(client, self.batches, self.results, deliver, common, self.watching)
+
+    def run(self) -> None:
+        """Until all batches have ended.
+
+        Raises
+        ------
+        MachineError
+            The cluster cannot go on: no worker is left, or one differs.
+        Stopped
+            The run has been asked to stop, and what was under way has had its time.
+        """
+        with self.watching:
+            try:
+                while self.unfinished:
+                    self.stop.check()
+                    self.send()
+                    self.take(LOOK)
+                    for number in self.watching.overdue({n: len(self.batches[n].jobs) for n in self.sent}):
+                        self.watching.kill_the_worker_of(self.sent.pop(number).told)
+                        self.suspected.append(number)
+                    if self.suspected and not self.sent:
+                        self.examine()
+            except Stopped:
+                self.wind_up()
+                raise
+
+    def send(self) -> None:
+        """What is ready, as far as there is room; nothing while a batch is under suspicion: it is tried alone."""
+        ahead = AHEAD if self.watching.limit is None else 1  # what waits behind another is not at work
+        while self.ready and not self.suspected and len(self.sent) < ahead * self.watching.threads():
+            place, number = heapq.heappop(self.ready)
+            batch = self.batches[number]
+            self.before(batch)
+            inputs = sorted(batch.imports)
+            topic = self.watching.topic if self.watching.limit is not None else ""
+            data = as_bytes(batch.jobs, batch.exports, [batch.imports[n] for n in inputs], self.deliver, topic=topic, number=number)
+            how = {"pure": False, "priority": -place}
+            before = [self.results[n] for n in inputs]
+            if self.readers.get(number):
+                result = self.client.submit(compute, self.common, data, *before, **how)
+                self.sent[number] = Sent(result, self.client.submit(told, result, **how))
+            else:
+                self.sent[number] = Sent(None, self.client.submit(compute_and_tell, self.common, data, *before, **how))
+            self.sent[number].told.add_done_callback(lambda future, number=number: self.ended.put((number, future)))
+
+    def take(self, wait: float) -> None:
+        """Wait for batches to end and take what they tell; those of which workers died are under suspicion."""
+        try:
+            found = [self.ended.get(timeout=wait)]
+        except queue.Empty:
+            self.watching.look(bool(self.sent or self.ready))
+            return
+        while not self.ended.empty():
+            found.append(self.ended.get())
+        found = [(number, future) for number, future in found if number in self.sent and self.sent[number].told is future]
+        sound = [(number, future) for number, future in found if future.status == "finished"]
+        for number, future in found:
+            if future.status != "finished":
+                self.watching.died(future)
+                del self.sent[number]
+                self.suspected.append(number)
+        if sound:
+            self.watching.moved()
+            for (number, _), tale in zip(sound, self.client.gather([future for _, future in sound]), strict=True):
+                self.finish(number, self.sent.pop(number).result, tale)
+
+    def examine(self) -> None:
+        """Batches of which workers died, while nothing else is under way."""
+        for number in sorted(self.suspected, key=self.place.__getitem__):
+            result = self.suspects.one_by_one(self.batches[number])
+            self.finish(number, result, self.watching.answer(self.client.submit(told, result, pure=False)))
+        self.suspected.clear()
+
+    def finish(self, number: int, result: Any, tale: Any) -> None:
+        batch = self.batches[number]
+        self.after(batch, BatchResult({}, *tale))
+        self.unfinished.discard(number)
+        for n in batch.imports:  # let go of what nobody reads any more
+            self.unread[n] -= 1
+            if not self.unread[n]:
+                del self.results[n]
+        for reader in self.readers.get(number, ()):
+            self.results[number] = result
+            self.awaits[reader] -= 1
+            if not self.awaits[reader]:
+                heapq.heappush(self.ready, (self.place[reader], reader))
+
+    def wind_up(self) -> None:
+        """The run is to stop: what has not begun is taken back, what is under way may end."""
+        until = time.monotonic() + 0.6 * GRACE
+        try:
+            at_work = self.watching.at_work()
+            for number in [
+                n for n, sent in self.sent.items() if sent.told.key not in at_work and getattr(sent.result, "key", None) not in at_work
+            ]:
+                sent = self.sent.pop(number)
+                self.client.cancel([future for future in (sent.result, sent.told) if future is not None])
+            while self.sent and time.monotonic() < until:
+                self.take(LOOK / 4)
+        except Exception:  # a cluster that is lost as well tells nothing any more
+            pass
+        self.stop.abandoned = bool(self.sent)

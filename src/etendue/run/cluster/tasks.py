@@ -1,0 +1,73 @@
+"""What a worker is asked to do: functions by name, their arguments as bytes that neither dask nor the scheduler looks into.
+
+In:  the jobs of a batch as bytes; the results that it reads.
+Out: its result, which stays where it was made; its reports, which the owner of the run fetches.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import cloudpickle
+
+from etendue.interrupts import is_ours
+from etendue.plan.model import CellRef
+from etendue.run.batches import NOBODY, BatchResult, run_batch
+from etendue.run.cluster.alike import Common, be_alike
+from etendue.run.job import Job
+from etendue.run.workers import unfit
+
+Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and the arrays that were asked for
+
+
+def as_bytes(
+    jobs: Iterable[Job], exports: Iterable[CellRef], imports: Iterable[Iterable[CellRef]], deliver: frozenset[CellRef],
+    doomed: Mapping[CellRef, str] = NOBODY, topic: str = "", number: int = 0,
+) -> bytes:  # fmt: skip
+    """A batch, or a part of one. ``topic``: where the beginning of each cell is told, with the number of the batch."""
+    jobs = tuple(jobs)
+    own = deliver.intersection(job.ref for job in jobs)
+    rest = (tuple(exports), tuple(map(tuple, imports)), own, dict(doomed), topic, number)
+    try:
+        return bytes(cloudpickle.dumps((jobs, *rest), protocol=pickle.HIGHEST_PROTOCOL))
+    except BaseException as error:
+        if is_ours(error):
+            raise
+    cannot = unfit(jobs)
+    jobs = tuple(job if job.ref not in cannot else job.without_stage() for job in jobs)
+    return bytes(cloudpickle.dumps((jobs, *rest[:3], {**cannot, **doomed}, *rest[4:]), protocol=pickle.HIGHEST_PROTOCOL))
+
+
+def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
+    """The result of a batch."""
+    be_alike(common)
+    jobs, exports, imports, deliver, doomed, topic, number = pickle.loads(data)
+    at = None
+    if topic:
+        import distributed
+
+        worker = distributed.get_worker()
+
+        def at(_: int) -> None:
+            worker.log_event(topic, number)
+
+    return run_batch(jobs, exports, imports, deliver, *before, doomed=doomed, at=at)
+
+
+def told(result: BatchResult) -> Told:
+    """What the owner of the run fetches."""
+    return result.reports, result.kept
+
+
+def compute_and_tell(common: Common, data: bytes, *before: BatchResult) -> Told:
+    """Of a batch whose result nobody reads."""
+    return told(compute(common, data, *before))
+
+
+def joined(exports: tuple[CellRef, ...], *parts: BatchResult) -> BatchResult:
+    """One batch, from the results of its cells."""
+    results = {ref: result for part in parts for ref, result in part.results.items()}
+    kept = {ref: arrays for part in parts for ref, arrays in part.kept.items()}
+    return BatchResult({ref: results[ref] for ref in exports}, tuple(r for part in parts for r in part.reports), kept)

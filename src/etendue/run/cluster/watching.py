@@ -1,0 +1,162 @@
+"""A cluster under watch: who is there, how long a cell takes, of what workers died.
+
+In:  a client, what is told by its workers.
+Out: errors in our words where a cluster cannot go on; workers that hang are ended.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+from etendue.errors import EtendueError, MachineError
+from etendue.run.watch import Stop
+from etendue.run.workers import STARTING
+from etendue.telling import said
+
+PATIENCE = 60.0  # seconds without a worker, or with none that works, until a run is given up
+AGAIN = 1.0  # seconds between two questions to the scheduler
+DEATHS = ("KilledWorker", "FutureCancelledError", "CancelledError")
+
+
+class Lost(Exception):
+    """The scheduler is gone."""
+
+
+class Watching:
+    """Use as a context manager, while batches are under way. ``topic``: where workers tell that they begin a cell."""
+
+    def __init__(self, client: Any, stop: Stop, limit: float | None, run: str) -> None:
+        self.client, self.stop, self.limit, self.topic = client, stop, limit, f"etendue-{run}"
+        self.begun: dict[int, float] = {}  # when the newest cell of a batch was begun
+        self.seen: dict[int, float] = {}  # since when a batch is known
+        self.counted, self.asked = 0, 0.0
+        self.progress = time.monotonic()
+        self.too_much: list[int] = []  # bytes of workers that were ended because they took more than they may
+        self.may_hold = 0
+
+    def __enter__(self) -> Watching:
+        if self.limit is not None:
+            self.client.subscribe_topic(self.topic, self._cell)
+        self.client.subscribe_topic("worker-restart-memory", self._memory)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            if self.limit is not None:
+                self.client.unsubscribe_topic(self.topic)
+            self.client.unsubscribe_topic("worker-restart-memory")
+        except Exception:  # of a scheduler that is gone
+            pass
+
+    def _cell(self, event: Any) -> None:
+        self.begun[int(event[1])] = time.monotonic()
+
+    def _memory(self, event: Any) -> None:
+        self.too_much.append(int(event[1].get("rss", 0)))
+
+    def moved(self) -> None:
+        self.progress = time.monotonic()
+
+    def threads(self) -> int:
+        """Worker threads there are, asked for once in a while."""
+        if time.monotonic() - self.asked > AGAIN:
+            self.look(True)
+        return self.counted
+
+    def look(self, waiting: bool) -> None:
+        """Whether anybody is there who computes.
+
+        Raises
+        ------
+        MachineError
+            Nobody has been for too long.
+        Lost
+            The scheduler is gone.
+        """
+        if self.client.status != "running":
+            raise Lost
+        now = time.monotonic()
+        if now - self.asked < AGAIN:
+            return
+        workers = self.client.scheduler_info(n_workers=-1)["workers"].values()
+        self.asked, self.counted = time.monotonic(), sum(worker["nthreads"] for worker in workers)
+        self.may_hold = min((worker["memory_limit"] or 0 for worker in workers), default=0)
+        if not waiting or any(worker["status"] == "running" for worker in workers):
+            self.progress = now
+            return
+        if now - self.progress > PATIENCE:
+            if not workers:
+                why = f"no worker has been there for {PATIENCE:.0f} s"
+            else:
+                states = ", ".join(sorted({str(worker["status"]) for worker in workers}))
+                why = f"no worker has worked for {PATIENCE:.0f} s (they are {states}; one that holds too much of the memory it may pauses)"
+            raise MachineError(f"{why}; what is finished is kept: start workers (with more memory) and run again to go on")
+
+    def overdue(self, under_way: dict[int, int]) -> list[int]:
+        """The batches under way, by number and how many cells they have, in which a cell takes too long."""
+        if self.limit is None:
+            return []
+        now = time.monotonic()
+        self.seen = {n: self.seen.get(n, now) for n in under_way}
+        self.begun = {n: at for n, at in self.begun.items() if n in under_way}
+        late = []
+        for number, cells in under_way.items():  # one that holds the interpreter does not get round to tell that it began
+            since = self.begun.get(number)
+            if now - (since or self.seen[number]) > (self.limit if since else self.limit * cells + STARTING):
+                late.append(number)
+        return late
+
+    def at_work(self) -> set[Any]:
+        """The tasks that workers hold."""
+        return {key for keys in self.client.processing().values() for key in keys}
+
+    def wait(self, future: Any, limit: float | None = None) -> str:
+        """Until a task has ended; or why it was given up."""
+        began = None
+        while future.status == "pending":
+            self.stop.check()
+            self.look(True)
+            if limit is not None:
+                now = time.monotonic()
+                began = began or (now if future.key in self.at_work() else None)
+                if began is not None and now - began > limit:
+                    self.kill_the_worker_of(future)
+                    return f"no answer within {limit:g} s: its worker was stopped (--cell-timeout)"
+            time.sleep(0.02)
+        return ""
+
+    def answer(self, future: Any) -> Any:
+        """What a task of our own gives."""
+        self.wait(future)
+        if future.status != "finished":
+            self.died(future)
+            raise MachineError("workers die while they hand on what they have; what is finished is kept: run again to go on")
+        return future.result()
+
+    def died(self, future: Any) -> bool:
+        """Whether workers died of a task. What it raised itself is raised."""
+        if future.status == "finished":
+            return False
+        if self.client.status != "running":
+            raise Lost
+        if future.status != "error":
+            return True
+        error = future.exception()
+        if type(error).__name__ in DEATHS:
+            return True
+        if isinstance(error, EtendueError):
+            raise error
+        raise MachineError(f"a worker of the cluster broke off: {said(error)}")
+
+    def kill_the_worker_of(self, future: Any) -> None:
+        """A task that runs cannot be stopped but with its worker; a nanny starts another."""
+        guilty = [worker for worker, keys in self.client.processing().items() if future.key in keys]
+        future.cancel(force=True)
+        if not guilty:
+            return
+        try:
+            self.client.restart_workers(guilty, timeout=30, raise_for_error=False)
+        except ValueError:  # they have no nanny
+            self.client.run(os._exit, 1, workers=guilty, wait=False, on_error="ignore")

@@ -1,0 +1,157 @@
+"""An archive written anew: the same bits in every array, axes sorted, fresh shards; also of one with a file for every cell."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import xarray
+
+from etendue.archive.chunks import encode
+from etendue.archive.compact import compact
+from etendue.archive.journal import summed
+from etendue.archive.manifest import write_manifest
+from etendue.archive.reading import open_archive
+from etendue.cli import main
+from etendue.errors import ArchiveError
+from etendue.session import Options, execute
+from tests.archive.tiny import store_of, tiny_file, tiny_plan
+
+
+def run(plan, archive, **options):
+    return execute(plan, archive, Options("serial", **options))
+
+
+def state(folder):
+    return {p.relative_to(folder): (p.stat().st_mtime_ns, p.read_bytes()) for p in folder.rglob("*") if p.is_file()}
+
+
+def shards(archive):
+    return {p.relative_to(archive).as_posix(): p.stat().st_size for p in (archive / "data.zarr").rglob("c.*") if "c" not in p.parts}
+
+
+GROWN = {"sweep.f_number": [2, 3, 4]}
+
+
+@pytest.fixture(scope="module")
+def grown(whole, place):
+    """Two f-numbers, then a third between them."""
+    shutil.copytree(whole, place / "grown")
+    outcome = run(tiny_plan(place, GROWN), place / "grown")
+    assert outcome.computed
+    assert not outcome.moved["copied"]  # what is stored stays where it is
+    return place / "grown"
+
+
+def test_it_has_the_arrays_and_shards_of_a_fresh_sweep(grown, place, tmp_path):
+    before = state(grown)
+    plan = tiny_plan(place, GROWN)
+    run(plan, tmp_path / "fresh")
+    done = compact(grown, tmp_path / "new")
+    assert done.sorted["irradiance"] == ["f_number"]
+    assert shards(tmp_path / "new") == shards(tmp_path / "fresh") != shards(grown)
+    mine, fresh = store_of(tmp_path / "new"), store_of(tmp_path / "fresh")
+    tables = ("ledger", "summary", "frames", "zarr.json")
+    assert {k: v for k, v in mine.items() if not k.startswith(tables)} == {k: v for k, v in fresh.items() if not k.startswith(tables)}
+    assert not list(open_archive(tmp_path / "new").check())
+    with xarray.open_datatree(tmp_path / "new/data.zarr", engine="zarr", chunks=None) as tree:
+        assert tree["irradiance/f_number"].values.tolist() == [2, 3, 4]
+    assert state(grown) == before
+    assert run(plan, tmp_path / "new").computed == 0
+    again = state(tmp_path / "new")
+    assert run(plan, tmp_path / "new").computed == 0
+    assert state(tmp_path / "new") == again
+
+
+def test_the_same_bytes_whenever_it_is_written(grown, tmp_path):
+    compact(grown, tmp_path / "one")
+    compact(tmp_path / "one", tmp_path / "two")
+    first, second = (
+        {p.relative_to(f): p.read_bytes() for p in (f / "data.zarr").rglob("*") if p.is_file()}
+        for f in (tmp_path / "one", tmp_path / "two")
+    )
+    assert first == second
+
+
+def with_files_for_cells(archive, old):
+    """The form of earlier versions: a file for every chunk, no shards, and a journal that names files."""
+    shutil.copytree(archive, old)
+    stored, lines, root = open_archive(archive), [], json.loads((archive / "data.zarr/zarr.json").read_text())
+    for path in shards(archive):
+        (old / path).unlink()
+    for line in map(json.loads, (archive / "journal.jsonl").read_text().splitlines()):
+        line.pop("sum")
+        if line["event"] in ("blocks", "shard", "closed"):
+            continue
+        if line["event"] == "done":
+            cell = stored.cells[line["cell"]]
+            files = []
+            for chunk in cell.chunks:
+                folder = chunk.written.path.rpartition("/")[0]
+                where = ".".join(["c", *map(str, chunk.position), *("0" for _ in chunk.form.shape)])
+                data = encode(stored.read(cell, chunk.variable))
+                (old / folder / where).write_bytes(data)
+                files.append([f"{folder}/{where}", len(data), "00" * 16])
+                node = json.loads((archive / folder / "zarr.json").read_text())
+                if node["codecs"][0]["name"] == "sharding_indexed":
+                    inner = node["codecs"][0]["configuration"]
+                    size = np.dtype(chunk.form.dtype).itemsize
+                    blosc = {"typesize": size, "cname": "lz4", "clevel": 5, "shuffle": "bitshuffle", "blocksize": 0}
+                    node["chunk_grid"]["configuration"]["chunk_shape"] = inner["chunk_shape"]
+                    node["codecs"] = [inner["codecs"][0], {"name": "blosc", "configuration": blosc}, {"name": "crc32c"}]
+                    (old / folder / "zarr.json").write_text(json.dumps(node, indent=2))
+                    root["consolidated_metadata"]["metadata"][folder.removeprefix("data.zarr/")] = node
+            line["files"] = files
+        lines.append(summed(json.dumps(line, separators=(",", ":")).encode()))
+    (old / "journal.jsonl").write_bytes(b"\n".join(lines) + b"\n")
+    root["attributes"]["etendue"]["format"] = 1
+    (old / "data.zarr/zarr.json").write_text(json.dumps(root, indent=2))
+    known = json.loads((archive / "manifest.json").read_text())["metadata"]
+    write_manifest(old, {path: (old / path).read_bytes() for path in known})
+
+
+def test_an_archive_with_a_file_for_every_cell_is_read_refused_with_the_way_out_and_written_anew(whole, plan, place, tmp_path, capsys):
+    with_files_for_cells(whole, tmp_path / "old")
+    archive = open_archive(tmp_path / "old")
+    assert len(archive.cells) == len(plan.cells)
+    assert not list(archive.check())
+    main(["show", str(tmp_path / "old")], prog_name="etendue", standalone_mode=False)
+    assert f"{len(plan.cells)} of {len(plan.cells)}" in capsys.readouterr().out
+    before = state(tmp_path / "old")
+    with pytest.raises(SystemExit) as stopped:
+        main(["run", str(tiny_file(place)), "--archive", str(tmp_path / "old"), "--quiet"], prog_name="etendue")
+    assert stopped.value.code == 2
+    assert f"etendue compact {tmp_path / 'old'} old-2" in capsys.readouterr().err
+    assert state(tmp_path / "old") == before
+    main(["compact", str(tmp_path / "old"), str(tmp_path / "new"), "--json"], prog_name="etendue", standalone_mode=False)
+    assert json.loads(capsys.readouterr().out)["cells"] == len(plan.cells)
+    with (
+        xarray.open_datatree(whole / "data.zarr", engine="zarr", chunks=None) as one,
+        xarray.open_datatree(tmp_path / "new/data.zarr", engine="zarr", chunks=None) as other,
+    ):
+        for group in ("scene", "irradiance", "pixel/4x4", "pixel/5x4", "lens_numbers"):
+            xarray.testing.assert_identical(one[group].to_dataset(), other[group].to_dataset())
+    assert run(plan, tmp_path / "new").computed == 0
+    assert not list(open_archive(tmp_path / "new").check())
+
+
+def test_what_is_damaged_unfinished_or_in_the_way_is_refused(whole, tmp_path):
+    (tmp_path / "there").mkdir()
+    with pytest.raises(ArchiveError, match="exists"):
+        compact(whole, tmp_path / "there")
+    with pytest.raises(ArchiveError, match="not an archive"):
+        compact(tmp_path / "there", tmp_path / "new")
+    shutil.copytree(whole, tmp_path / "unfinished")
+    (tmp_path / "unfinished/manifest.json").unlink()
+    with pytest.raises(ArchiveError, match=r"manifest\.json is missing"):
+        compact(tmp_path / "unfinished", tmp_path / "new")
+    shutil.copytree(whole, tmp_path / "flipped")
+    path = next((tmp_path / "flipped/data.zarr/pixel/4x4/photon_rate").glob("c.*"))
+    data = bytearray(path.read_bytes())
+    data[20] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(ArchiveError, match="photon_rate of pixel f_number"):
+        compact(tmp_path / "flipped", tmp_path / "new")
+    assert {p.name for p in tmp_path.iterdir()} == {"there", "unfinished", "flipped"}
