@@ -27,7 +27,8 @@ import numpy as np
 from etendue.physics.electronics.noise import philox
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
-from etendue.run.cell import _arguments, check
+from etendue.run.cell import check
+from etendue.run.given import arguments
 from etendue.run.jobs import make_jobs
 from etendue.run.memory import keep_freed_memory
 from etendue.run.segments import Result
@@ -58,13 +59,13 @@ def stages(repeats: int, precision: str) -> dict[str, tuple[float, float]]:
     found = {}
     for job in jobs.values():
         if job.ref[0] in CHAIN:
-            given = _arguments(job, results, [])
+            given = arguments(job, results, [])
 
             def run(job: Any = job, given: Any = given) -> Any:
                 return job.stage.run(**{**given, **({"rng": philox(job.seed)} if "rng" in given else {})})
 
             def whole(job: Any = job) -> Any:
-                return check(job, job.stage.run(**_arguments(job, results, [])))
+                return check(job, job.stage.run(**arguments(job, results, [])))
 
             found[job.ref[0]] = (best(run, repeats), best(whole, repeats))
     return found
