@@ -44,7 +44,7 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
     """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
-    if plan is asked:
+    if plan.cells is asked.cells:
         return {ref: ref for ref in asked.cells}
     by_name = {cell_name(plan, ref): ref for ref in plan.cells}
     found = {ref: by_name.get(cell_name(asked, ref)) for ref in asked.cells}
@@ -81,7 +81,7 @@ def staying(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str
     A stage of which something is kept goes on with all that is stored of it: one status holds for all its variables.
     """
     plan = replace(plan, nodes=tuple(_with_optional(node, stored) for node in plan.nodes))
-    names = {cell_name(plan, ref): cell for ref, cell in plan.cells.items()}
+    names = {cell_name(plan, ref): cell for ref, cell in plan.cells.items()} if entries else {}
     lost, kept, stay = Lost(), set(plan.kept), []
     by_stage: dict[str, list[tuple[str, Entry]]] = {}
     for name, entry in entries.items():
