@@ -1,27 +1,47 @@
 """etendue: a digital camera, from scene light to display colour, as a graph of replaceable stages."""
 
-from typing import Any
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["read_pipeline", "simulate"]
+if TYPE_CHECKING:
+    from etendue.composing.pipeline import Pipeline, span
+    from etendue.session import simulate
+    from etendue.spec.pipeline import read_pipeline
+
+__all__ = ["Pipeline", "read_pipeline", "simulate", "span", "stages"]
+
+_PLACES = {
+    "Pipeline": "etendue.composing.pipeline",
+    "span": "etendue.composing.pipeline",
+    "simulate": "etendue.session",
+    "read_pipeline": "etendue.spec.pipeline",
+}
 
 
-def simulate(*args: Any, **kwargs: Any) -> Any:
-    """Run a pipeline (path, TOML text or mapping) and return its ``xarray.DataTree``.
+class _Package(ModuleType):
+    """Imports what is asked for; ``stages`` is every installed stage by its name, though the package of that name has been imported."""
 
-    Keywords: ``archive`` (folder to keep and resume; default in memory), ``want`` (variables), ``scheduler`` (serial, threads,
-    processes, tcp://...), ``workers``, ``leave_out``. All others are parameters: camera quantities by name, those of a stage as
-    ``stage__parameter``; a list makes a sweep axis: ``simulate("paper.toml", f_number=[2, 4], sharpen__strength=0.3)``.
-    Raises ``RequestError`` with every fault of the file.
-    """
-    from etendue.session import simulate as run
+    def __getattr__(self, name: str) -> Any:
+        if name in _PLACES:
+            from importlib import import_module
 
-    return run(*args, **kwargs)
+            return getattr(import_module(_PLACES[name]), name)
+        raise AttributeError(f"module 'etendue' has no attribute {name!r}")
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *__all__})
+
+    @property
+    def stages(self) -> Any:
+        """Installed stages as functions that place them in a pipeline."""
+        from etendue.composing.stages import STAGES
+
+        return STAGES
+
+    @stages.setter
+    def stages(self, module: ModuleType) -> None:
+        """The import of the package ``etendue.stages`` ends here."""
 
 
-def read_pipeline(path: Any) -> Any:
-    """The pipeline in a file, checked for form."""
-    from pathlib import Path
-
-    from etendue.spec.pipeline import read_pipeline as read
-
-    return read(Path(path))
+sys.modules[__name__].__class__ = _Package

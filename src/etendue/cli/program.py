@@ -86,12 +86,13 @@ def main() -> None:
     etendue accuracy FILE                   error against run time, of every knob and of combinations
     etendue stability                       every stage where numbers are hard
     etendue sensors                         sensors whose parameters are published
+    etendue schema                          the form of pipeline files, for editors
     """
 
 
 for _command in (
     *(runs.plan, runs.run, runs.rerun, runs.archive),
-    *(catalogue.stages, catalogue.quantities, catalogue.sensors),
+    *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, comparisons.accuracy),
     *(stability.stability, exports.export, compacting.compact),
     *(trust.verify, trust.reproduce, trust.diff),
