@@ -316,7 +316,7 @@ def print_outcome(outcome: Any) -> None:
         console.print(escape(f"was missing or damaged, and is written again: {text}"), soft_wrap=True)
     if len(outcome.mended) > 5:
         console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
-    if outcome.moved.get("copied"):
+    if outcome.moved.get("shards"):
         shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
         what = f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} bytes computed"
         console.print(f"rewritten: {what}", soft_wrap=True)
