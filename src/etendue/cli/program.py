@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, runs, stability, trust
+from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, runs, stability, trust
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -88,6 +88,7 @@ def main() -> None:
     etendue sensors                         sensors whose parameters are published
     etendue new NAME                        a commented pipeline to begin with
     etendue new-plugin NAME --role ROLE     a stage of your own, in a distribution that installs
+    etendue import CUBE                     a spectral cube of another program as a scene
     etendue schema                          the form of pipeline files, for editors
     """
 
@@ -97,7 +98,7 @@ for _command in (
     *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, comparisons.accuracy),
     *(stability.stability, exports.export, compacting.compact),
-    *(beginnings.new, beginnings.new_plugin),
+    *(beginnings.new, beginnings.new_plugin, imports.take),
     *(trust.verify, trust.reproduce, trust.diff),
 ):
     main.add_command(_command)
