@@ -9,8 +9,10 @@ from __future__ import annotations
 import inspect
 import keyword
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from inspect import cleandoc
 from typing import Any
 
@@ -20,11 +22,6 @@ from etendue.registry import OWN, Registry
 from etendue.spec.capabilities import is_transfer
 from etendue.spec.names import unfit_stage
 from etendue.spec.stage import parameters_of, reads_of, writes_of
-
-SIMPLEST = {  # of roles with several built-in stages: the one whose arithmetic is read fastest
-    "scene": "uniform", "lens": "lens_gaussian", "demosaicing": "demosaic_bilinear", "sharpening": "unsharp", "figures": "pixel_etendue",
-    "reference": "no_mask", "resolution": "resolution", "exposure": "exposure", "linearisation": "linearise",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ def beginning(registry: Registry, stage: str, role: str | None, like: str | None
         raise RequestError(faults)
     if like is None:
         assert role is not None
-        like = SIMPLEST.get(role) or next((n for n in roles[role] if registry.installed(n).distribution == OWN), roles[role][0])
+        like = _simplest().get(role) or next((n for n in roles[role] if registry.installed(n).distribution == OWN), roles[role][0])
     kind = registry.load(like)
     return Beginning(stage, kind.role, like, kind)
 
@@ -91,6 +88,12 @@ def files(one: Beginning) -> Mapping[str, str]:
         f"src/{one.module}/stages.py": _stage(one),
         "tests/test_conformance.py": _test(one),
     }
+
+
+def _simplest() -> dict[str, str]:
+    """Of roles with several built-in stages: the one whose arithmetic is read fastest."""
+    found: dict[str, str] = tomllib.loads(resources.files("etendue").joinpath("data", "beginnings.toml").read_text(encoding="utf-8"))
+    return found
 
 
 def _by_role(registry: Registry) -> dict[str, list[str]]:
