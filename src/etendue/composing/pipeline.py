@@ -150,7 +150,7 @@ class Pipeline:
 
     def sweep(self, **axes: Any) -> Pipeline:
         """Axes: ``f_number=[2, 4]``, ``pixel_pitch=span("1 um", "3 um", 5)``, ``sharpen__strength=[0, 1]``,
-        ``demosaic__use=["demosaic_malvar", s.demosaic_residual(iterations=2)]``.
+        ``demosaic__use=["demosaic_malvar", s.demosaic_residual()]``.
         """
         found = {}
         for name, values in axes.items():
