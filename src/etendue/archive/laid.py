@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.archive import layout as layouts
 from etendue.archive.chunks import Chunk
 from etendue.archive.cutting import Blocks, chunk_shapes, chunks_at, cut
 from etendue.archive.journal import Entry
@@ -99,6 +100,7 @@ class Laid:
         sizes = tuple(len(values) for values in merged.values())
         shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
         beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
+        beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         one = self.blocks[path][variable.name]
         tree.put_cells(path, variable.name, shape, chunk_shapes(variable, one["block"]), variable.dtype, one["codec"], dims, attrs)

@@ -45,6 +45,7 @@ class VariableLayout:
     shape: tuple[int, ...]  # of one cell
     dtype: str
     attrs: dict[str, Any]
+    beside: str = ""  # the dim with which it is a coordinate of others
 
 
 @dataclass
@@ -143,11 +144,30 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
+        attrs |= _flags(name, cells[0])
         dtype = plan.precision if declaration.dtype == "float" or plan.expected else declaration.dtype
-        group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs)
+        group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside)
         for dim in dims:
             if dim not in group.coordinates:
                 _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
+
+
+def _flags(name: str, cell: Cell) -> dict[str, Any]:
+    """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for none."""
+    known = variable(name)
+    named = known.flags or known.masks
+    if named:
+        return {"flag_masks" if known.masks else "flag_values": list(named.values()), "flag_meanings": " ".join(named)}
+    labels = next((g[known.names] for g in cell.grids.values() if known.names in g), None) if known.names else None
+    if not isinstance(labels, Labels):
+        return {}
+    meanings = ["_".join(str(entry).split()) for entry in labels.entries]
+    return {"flag_values": [float(i) for i in range(len(meanings))], "flag_meanings": " ".join(meanings)}
+
+
+def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
+    """The variables of a group that are coordinates of one of them."""
+    return [v.name for v in group.variables.values() if v.beside and v.beside in own.dims and v is not own and not own.beside]
 
 
 def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, layout_of
+from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
 from etendue.spec.ports import CellReport, Sheet
@@ -108,6 +108,8 @@ class MemoryKeeper:
         }
         if BOUNDS in coordinates:
             data[BOUNDS] = coordinates.pop(BOUNDS)
+        beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
+        coordinates |= {name: data.pop(name) for name in beside}
         return xarray.Dataset(data, coordinates, layout.attrs)
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:
