@@ -110,11 +110,11 @@ def _flat(pipeline: Pipeline, registry: Registry, reflectance: float) -> Pipelin
         if entry.use in registry and is_source(registry.load(entry.use)):
             values = {name: value for name, value in entry.values.items() if name in allowed}
             entry = replace(entry, use=use, values={**values, "reflectance": reflectance})
-        entries.append(_sound(entry, registry))
+        entries.append(sound(entry, registry))
     return replace(pipeline, stages=tuple(entries), sweep={})
 
 
-def _sound(entry: StageEntry, registry: Registry) -> StageEntry:
+def sound(entry: StageEntry, registry: Registry) -> StageEntry:
     """A stage that makes defective pixels, making none."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
