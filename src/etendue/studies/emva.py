@@ -44,6 +44,8 @@ SERIES = frozenset({"bracketing", "metering"})  # which say how a frame is expos
 BELOW = tuple(np.linspace(0.035, 0.7, 11))  # of saturation: the photon transfer curve
 ABOVE = (0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 1.0, 1.02, 1.05, 1.1, 1.3, 1.6, 2.0)
 FRAMES = 2
+AT_FIRST, AT_LAST = 0.05, 0.3  # of the well, that a dark current may fill at saturation and at the longest time
+DIM = 1e-3  # of the best channel, below which one sees no light to speak of
 Told = Callable[[Plan], Progress] | None
 
 
@@ -63,7 +65,7 @@ def of_pipeline(
     Raises
     ------
     RequestError
-        Faults of the pipeline; a camera without raw frames, without light, or one whose dark current alone fills it.
+        Faults of the pipeline; a camera without raw frames, without light.
     """
     if pixels < 16:
         raise RequestError(f"--pixels {pixels}: expected at least 16")
@@ -73,7 +75,7 @@ def of_pipeline(
     small = _windowed(bench, registry, pixels)
     plan = make_plan(_asking(small, registry, (1.0,), ()), registry, leave_out_allowed=False)
     notes += plan.warnings
-    plan = make_plan(_lamp(small, registry, plan, options), registry, leave_out_allowed=False)
+    plan = make_plan(_lamp(small, registry, plan, options, notes), registry, leave_out_allowed=False)
     outcome = execute(plan, None, options, progress(plan) if progress else None)
     if outcome.failed:
         report = outcome.failed[0]
@@ -179,7 +181,7 @@ def _asking(pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], r
     return replace(pipeline, stages=stages, sweep=sweep, wanted=(RAW,), keep=None)
 
 
-def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options | None) -> Pipeline:
+def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options | None, notes: list[str]) -> Pipeline:
     """As bright as fills the best channel after the camera's integration time, with times that take every channel to its saturation."""
     rates = lit(plan, options)
     well, dark, time = saturation(plan)
@@ -188,15 +190,14 @@ def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options |
         raise RequestError("the scene's light gives no photoelectrons: there is nothing to measure", pipeline.file)
     if not 0 < well < np.inf:
         raise RequestError("no stage of the sensor says what its pixels hold or its converter reaches: exposures cannot be chosen")
-    if not dark * time < 0.5 * well:
-        raise RequestError(
-            f"the dark current alone brings {dark * time:.4g} electron after {time:.4g} s, and a pixel holds {well:.4g}: "
-            "shorten the integration time, or cool the sensor",
-            pipeline.file,
-        )
-    factor = (well - dark * time) / (best * time)
-    levels = {float(f"{share * best / rate:.6g}") for rate in rates.values() if rate > 1e-3 * best for share in (*BELOW, *ABOVE)}
-    asked = _asking(pipeline, registry, tuple(sorted(levels)), (0, 1))
+    short = min(time, AT_FIRST * well / dark) if dark > 0 else time
+    if short < time:
+        notes.append(f"exposures are shorter than the camera's {time:.4g} s: its dark current alone brings {dark * time:.4g} electron then")
+    factor = (well - dark * short) / (best * short)
+    longest = AT_LAST * well / (dark * short) if dark > 0 else np.inf
+    shares = {float(f"{share * best / rate:.6g}") for rate in rates.values() if rate > DIM * best for share in (*BELOW, *ABOVE)}
+    levels = sorted(share * short / time for share in shares if share <= longest)
+    asked = _asking(pipeline, registry, tuple(levels), (0, 1))
     source = next(n for n in plan.nodes if n.is_source)
     stage = plan.of(source.name)[0].stage
     word = next((w for w in ("radiance", "white_luminance") if getattr(stage, w, 0.0)), "")

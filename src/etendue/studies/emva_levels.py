@@ -201,8 +201,8 @@ def lit(plan: Plan, options: Options | None) -> dict[str, float]:
 
 
 def saturation(plan: Plan) -> tuple[float, float, float]:
-    """Charge of a full pixel (electron), dark current (electron/s), and the camera's integration time (s)."""
+    """Charge of a full pixel (electron), dark current of nearly all pixels (electron/s), and the camera's integration time (s)."""
     stages = _stages(plan, plan.of(raw_node(plan).name)[0])
     sheet = known(stages)
     time = next((t for s in stages if isinstance(t := getattr(s, TIME, None), float)), math.nan)
-    return sheet.get("full_well", math.inf), sheet.get("dark_current", 0.0), time
+    return sheet.get("full_well", math.inf), sheet.get("dark_current", 0.0) + 3 * sheet.get("dark_spread", 0.0), time
