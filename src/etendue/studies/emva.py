@@ -171,7 +171,7 @@ def _asking(pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], r
     at = next((i for i, e in enumerate(pipeline.stages) if e.use in registry and registry.load(e.use).role == "exposure"), None)
     if at is None:
         raise RequestError("the pipeline has no stage of the role 'exposure', in front of which frames could begin", pipeline.file)
-    name = "bracket"
+    name = "series"
     while any(entry.name == name for entry in pipeline.stages):
         name += "_"
     series = StageEntry(name, use, {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}, {}, "the series of exposures")
