@@ -131,7 +131,8 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
 def matrix_told(bench: Bench) -> None:
     """The condition number of what a stage solves: of a matrix that it writes, or of the colours that it makes of colours.
 
-    A table that may hold undefined values is no matrix. A linear stage on channels is solved back: what its matrix has done to three colours can be undone as well as its condition says.
+    A table that may hold undefined values is no matrix. A linear stage on channels is solved back: what its matrix has done to three
+    colours can be undone as well as its condition says.
     """
     trial = bench.run(bench.arrays("ordinary"))
     for variable, declaration in bench.writes.items() if trial.done else ():
