@@ -103,6 +103,7 @@ class StoredArchive:
     ----------
     journal : everything that it says
     cells : by name, those that are done
+    held : by name, also those that a run was about to replace: their chunks are there until it does
     """
 
     def __init__(self, folder: Path) -> None:
@@ -113,6 +114,11 @@ class StoredArchive:
 
     @cached_property
     def cells(self) -> Mapping[str, StoredCell]:
+        outdated = self.journal.outdated
+        return {name: cell for name, cell in self.held.items() if name not in outdated} if outdated else self.held
+
+    @cached_property
+    def held(self) -> Mapping[str, StoredCell]:
         done = {name: entry for name, entry in self.journal.entries.items() if entry.event == "done"}
         return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
 

@@ -19,6 +19,7 @@ from etendue.archive.chunks import decode
 from etendue.archive.journal import Entry, Read
 from etendue.archive.layout import STATUS, cell_label
 from etendue.archive.manifest import DATA, Manifest, digest_of, read_manifest
+from etendue.archive.owner import is_running
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
 from etendue.errors import ArchiveError
@@ -58,12 +59,18 @@ class StoredArrays:
         """The bands of a variable that is stored by band; none of another."""
         return sorted(chunk.band for chunk, _ in self.chunks if chunk.variable == variable and chunk.band is not None)
 
+    def _bytes(self, place: Place | None) -> bytes | None:
+        try:
+            return read_bytes(Path(self.root), place) if place else None
+        except OSError:
+            return None
+
     def _array(self, chunk: StoredChunk, place: Place | None) -> Any:
         path, shape = chunk.written.path, chunk.form.shape[1:] if chunk.form.pieces > 1 else chunk.form.shape
-        try:
-            data = read_bytes(Path(self.root), place) if place else None
-        except OSError:
-            data = None
+        data = self._bytes(place)
+        if (data is None or place is None or (self.digested and not fits(data, place))) and is_running(Path(self.root)):
+            place = StoredArchive(Path(self.root)).place(chunk)  # its part may have become a shard since
+            data = self._bytes(place)
         if data is None or place is None:
             raise ArchiveError(f"{path}: chunk {chunk.written.slot} is missing")
         if self.digested and not fits(data, place):
