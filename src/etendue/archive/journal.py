@@ -358,7 +358,9 @@ def _files(found: Read, written: Any) -> tuple[Written, ...]:
 def _block(written: Any) -> dict[str, Any]:
     words = {name: _of(str, written[name]) for name in ("codec", "form")}
     block = {"block": [_of(int, n) for n in written["block"]], **words, "pieces": _of(int, written["pieces"])}
-    if min([*block["block"], block["pieces"]]) < 1:
+    if "chunk" in written:
+        block["chunk"] = [_of(int, n) for n in written["chunk"]]
+    if min([*block["block"], block["pieces"], *block.get("chunk", ())]) < 1:
         raise ValueError("a block of nothing")
     return block
 

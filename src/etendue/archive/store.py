@@ -86,6 +86,8 @@ class Archive:
         try:
             try:
                 fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if not os.path.samestat(os.fstat(self.lock), os.stat(self.folder / "lock")):
+                    raise BlockingIOError  # the archive was written anew between the two
             except BlockingIOError:
                 raise ArchiveInUse(f"{self.folder} is in use by another run") from None
             self.listing = disk.Listing(self.folder)
