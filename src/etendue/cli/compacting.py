@@ -13,18 +13,25 @@ from etendue.cli.saying import command, tell
 
 @command("compact")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
-@click.argument("new", type=click.Path(path_type=Path), metavar="NEW")
+@click.argument("new", type=click.Path(path_type=Path), metavar="[NEW]", required=False)
 @JSON
-def compact(folder: Path, new: Path, as_json: bool) -> None:
+def compact(folder: Path, new: Path | None, as_json: bool) -> None:
     """Write an archive anew: axes that grew sorted, shards as of a fresh sweep, the same bits in every array.
 
-    Also of an archive with a file for every cell, as earlier versions wrote it. DIR is only read; NEW is whole or not there.
+    In its place: killed at any instant the archive is whole, the old one or the new one, and the same command goes on. With NEW, DIR is
+    only read, and NEW is whole or not there. Also of an archive with a file for every cell, as earlier versions wrote it.
     """
-    from etendue.archive.compact import compact as write_anew
+    if new is None:
+        from etendue.archive.in_place import compact_in_place
 
-    done = write_anew(folder, new)
+        done = compact_in_place(folder)
+    else:
+        from etendue.archive.compact import compact as write_anew
+
+        done = write_anew(folder, new)
     document: dict[str, Any] = {
         "archive": str(done.folder), "cells": done.cells, "shards": done.shards, "bytes": done.bytes, "sorted": dict(done.sorted),
+        "written": done.written, "amplification": done.amplification,
     }  # fmt: skip
     tell(as_json, document, _print)
 
@@ -35,4 +42,8 @@ def _print(document: dict[str, Any]) -> None:
     click.echo(f"{document['cells']} cells in {document['shards']} shards, {document['bytes']} bytes")
     for group, dims in document["sorted"].items():
         click.echo(printable(f"sorted: {', '.join(dims)} of {group}"))
+    if document["written"]:
+        click.echo(f"written  {document['written']} bytes, {document['amplification']:.2f} for each byte of cells")
+    else:
+        click.echo("nothing to be written: it is as a fresh sweep would leave it")
     click.echo(printable(f"archive  {document['archive']}"))
