@@ -93,7 +93,7 @@ def instants(begun, plan, tmp_path, count):
 
     with dying(fresh(0), 0) as operations:
         run(plan, tmp_path / "0")
-    first = 1 if begun is not None or count > 20 else len(operations) // 2  # before that no cell is there
+    first = 1 if begun is not None or count > 6 else len(operations) // 2  # before that no cell is there
     for number in np.unique(np.linspace(first, len(operations), count, dtype=int)):
         archive = fresh(number)
         with dying(archive, int(number)), pytest.raises(Died):
@@ -105,8 +105,8 @@ def instants(begun, plan, tmp_path, count):
 @pytest.mark.parametrize(
     ("begun", "asked", "count"),
     [
-        (None, {}, 6), ("whole", GROWN, 5), ("whole", OTHER, 5),
-        *(pytest.param(*one, 40, marks=pytest.mark.long) for one in ((None, {}), ("whole", GROWN), ("whole", OTHER))),
+        (None, {}, 4), ("whole", GROWN, 3), ("whole", OTHER, 3),
+        *(pytest.param(*one, 8, marks=pytest.mark.long) for one in ((None, {}), ("whole", GROWN), ("whole", OTHER))),
     ],
 )  # fmt: skip
 def test_at_every_instant_of_a_killed_run_what_is_called_stored_is_right(begun, asked, count, place, tmp_path, request):

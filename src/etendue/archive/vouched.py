@@ -88,7 +88,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         group, _, file = key.rpartition("/")
         if self._hidden(key):
             return None
-        if f"{DATA}/{key}" in self.shards or self._is_of_cells(group, file):
+        if self._is_of_cells(group, file):
             data = await asyncio.to_thread(self._cells, f"{DATA}/{key}", byte_range)
         else:
             own = await asyncio.to_thread(self._made, key)
@@ -105,7 +105,8 @@ class VouchedStore(WrapperStore[LocalStore]):
     async def exists(self, key: str) -> bool:
         if self._hidden(key):
             return False
-        return f"{DATA}/{key}" in self.shards or await self._store.exists(key)
+        group, _, file = key.rpartition("/")
+        return f"{DATA}/{key}" in self.shards if self._is_of_cells(group, file) else await self._store.exists(key)
 
     async def list_dir(self, prefix: str) -> AsyncIterator[str]:
         async for name in self._store.list_dir(prefix):
@@ -128,7 +129,10 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     def _is_of_cells(self, node: str, file: str) -> bool:
         group, _, name = node.rpartition("/")
-        return file.startswith("c") and name in self.archive.journal.blocks.get(group, ())
+        journal = self.archive.journal
+        if journal.files_a_cell:
+            return f"{DATA}/{node}/{file}" in self.shards
+        return file.startswith("c") and name in journal.blocks.get(group, ())
 
     def _cells(self, path: str, asked: ByteRequest | None) -> bytes | None:
         """Some bytes of a shard that holds the chunks of finished cells, in the order of their slots, and nothing else."""

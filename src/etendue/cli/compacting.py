@@ -10,6 +10,8 @@ import click
 from etendue.cli.options import JSON
 from etendue.cli.saying import command, tell
 
+SHOWN = 6  # groups of which the name is said
+
 
 @command("compact")
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
@@ -40,8 +42,12 @@ def _print(document: dict[str, Any]) -> None:
     from etendue.telling import printable
 
     click.echo(f"{document['cells']} cells in {document['shards']} shards, {document['bytes']} bytes")
+    groups: dict[str, list[str]] = {}
     for group, dims in document["sorted"].items():
-        click.echo(printable(f"sorted: {', '.join(dims)} of {group}"))
+        groups.setdefault(", ".join(dims), []).append(group)
+    for dims, names in groups.items():
+        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        click.echo(printable(f"sorted   {dims} of {', '.join(names[:SHOWN])}{more}"))
     if document["written"]:
         click.echo(f"written  {document['written']} bytes, {document['amplification']:.2f} for each byte of cells")
     else:
