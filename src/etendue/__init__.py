@@ -5,17 +5,19 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from etendue.archive.vouched import open_archive
     from etendue.composing.pipeline import Pipeline, span
     from etendue.session import simulate
     from etendue.spec.pipeline import read_pipeline
 
-__all__ = ["Pipeline", "read_pipeline", "simulate", "span", "stages"]
+__all__ = ["Pipeline", "open_archive", "read_pipeline", "simulate", "span", "stages"]
 
 _PLACES = {
     "Pipeline": "etendue.composing.pipeline",
     "span": "etendue.composing.pipeline",
     "simulate": "etendue.session",
     "read_pipeline": "etendue.spec.pipeline",
+    "open_archive": "etendue.archive.vouched",
 }
 
 

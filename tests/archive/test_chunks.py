@@ -227,7 +227,7 @@ def test_a_worker_whose_archive_is_taken_over_in_the_middle_reports_nothing(targ
 
 
 def test_a_variable_stored_by_band_is_put_together_again(target):
-    bands = tuple(Chunk("s", "data.zarr/g/s/c.0.0.0", b, 3, "float32", (4, 4), RAW, b) for b in range(3))
+    bands = tuple(Chunk("s", "data.zarr/g/s/c.0.0.0", b, 3, "float32", (1, 4, 4), RAW, ((b, b + 1), (0, 4), (0, 4))) for b in range(3))
     whole = np.random.default_rng(0).uniform(size=(3, 4, 4)).astype("float32")
     by_band = replace(target, chunks=bands)
     assert len(by_band.write({"s": whole})) == 3

@@ -20,22 +20,17 @@ import numpy as np
 from etendue.archive.chunks import CODEC, RAW, Chunk
 from etendue.archive.layout import GroupLayout, Layout, VariableLayout
 from etendue.archive.manifest import DATA
+from etendue.archive.pieces import chunk_of, known_chunk, pieces_of, room_of, windows_of
 from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
-from etendue.plan.cost import LARGEST_WHOLE
 from etendue.plan.model import Plan
 
 SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
-Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces
+Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
 
 
-def by_band(variable: VariableLayout) -> bool:
-    """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
-    return variable.dims == ("wavelength", "y", "x") and bytes_of(variable) > LARGEST_WHOLE
-
-
-def pieces(variable: VariableLayout) -> int:
-    """Chunks of one cell."""
-    return variable.shape[0] if by_band(variable) else 1
+def own_chunk(variable: VariableLayout) -> tuple[int, ...]:
+    """The shape of the chunks of one cell of a variable that is stored for the first time."""
+    return chunk_of(variable.dims, variable.shape, int(np.dtype(variable.dtype).itemsize))
 
 
 def bytes_of(variable: VariableLayout) -> int:
@@ -56,15 +51,18 @@ def cut(plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]],
                 found[path][variable.name] = dict(old)
             else:
                 fresh.append((path, variable))
-    blocks = blocks_of([(sizes[path], bytes_of(one), pieces(one)) for path, one in fresh])
-    for (path, variable), block in zip(fresh, blocks, strict=True):
+    chunks = [own_chunk(one) for _, one in fresh]
+    pieces = [pieces_of(one.shape, chunk) for (_, one), chunk in zip(fresh, chunks, strict=True)]
+    blocks = blocks_of([(sizes[path], bytes_of(one), count) for (path, one), count in zip(fresh, pieces, strict=True)])
+    for (path, variable), block, chunk, count in zip(fresh, blocks, chunks, pieces, strict=True):
         noise = np.dtype(variable.dtype).kind == "f" and layout.groups[path].node in noisy
-        raw = noise or bytes_of(variable) // pieces(variable) < SMALL
+        raw = noise or bytes_of(variable) // count < SMALL
         found[path][variable.name] = {
             "block": list(block),
             "codec": RAW if raw else CODEC,
             "form": _form(variable),
-            "pieces": pieces(variable),
+            "pieces": count,
+            **({"chunk": list(chunk)} if count > 1 else {}),
         }
     return found
 
@@ -93,26 +91,24 @@ def _noisy(plan: Plan) -> set[str]:
     return found
 
 
-def chunk_shapes(variable: VariableLayout, block: list[int]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Shapes of a chunk and of its shard; no shard for a single number."""
-    whole = tuple(max(n, 1) for n in variable.shape)
-    own = (1, *whole[1:]) if by_band(variable) else whole
-    return (*(1 for _ in block), *own), (*block, *whole) if block or whole else None
+def chunk_shapes(shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+    """Shapes of a chunk and of its shard, from that of a cell; no shard for a single number."""
+    return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
 
 
 def chunks_at(path: str, group: GroupLayout, place: tuple[int, ...], blocks: Mapping[str, Mapping[str, Any]]) -> tuple[Chunk, ...]:
     """The chunks at one position of the axes of a group."""
     chunks = []
     for variable in group.variables.values():
-        block, banded = blocks[variable.name]["block"], by_band(variable)
-        count = pieces(variable)
-        slot = 0
+        block, own = blocks[variable.name]["block"], known_chunk(variable.shape, blocks[variable.name])
+        windows = windows_of(variable.shape, own)
+        count, slot = len(windows), 0
         for at, size in zip(place, block, strict=True):
             slot = slot * size + at % size
         where = ".".join(["c", *(str(at // size) for at, size in zip(place, block, strict=True)), *("0" for _ in variable.shape)])
         file = f"{DATA}/{path}/{variable.name}/{where}"
         slots = prod(block) * count if block or variable.shape else 0
-        shape, codec = variable.shape[1:] if banded else variable.shape, blocks[variable.name]["codec"]
-        for band in range(count):
-            chunks.append(Chunk(variable.name, file, slot * count + band, slots, variable.dtype, shape, codec, band if banded else None))
+        shape, codec = variable.shape if count == 1 else own, blocks[variable.name]["codec"]
+        for number, window in enumerate(windows):
+            chunks.append(Chunk(variable.name, file, slot * count + number, slots, variable.dtype, shape, codec, window))
     return tuple(chunks)

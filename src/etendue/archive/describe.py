@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import calendar
-import fcntl
 import math
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -14,24 +12,10 @@ from etendue.archive import disk
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Read, read
 from etendue.archive.manifest import read_manifest
+from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError
-
-
-def is_running(folder: Path) -> bool:
-    """Whether a run owns an archive now."""
-    try:
-        handle = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        return False
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(handle)
 
 
 def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
@@ -73,7 +57,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     counts: dict[str, dict[str, int]] = {}
     for cell, entry in journal.entries.items():
         own = counts.setdefault(cell.split(" ")[0], {})
-        status = "unfinished" if entry.event == "start" else entry.status
+        status = "unfinished" if entry.event == "start" else "outdated" if cell in journal.outdated else entry.status
         own[status] = own.get(status, 0) + 1
     stages = [
         {

@@ -7,7 +7,8 @@ A ``done`` line says to which part of a shard each chunk was appended; a ``shard
 Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written again from them), the
 arrays that were made in each group, how each is cut into shards, the record of each run, and how many cells it has to compute.
 ``closed`` says
-that a run has ended in order: what stands in front of it need not be read back.
+that a run has ended in order: what stands in front of it need not be read back. ``outdated`` names the cells that a run is about to
+replace: their chunks are there until it does, and nobody is shown them.
 """
 
 from __future__ import annotations
@@ -73,6 +74,7 @@ class Read:
     torn: bool = False  # behind the last whole line stands a piece of one
     files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
     since: set[str] = field(default_factory=set)  # cells of which something is said since the last run that ended in order
+    outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise, and has not yet
 
     def close(self) -> None:
         """A run has ended in order: what was said until now need not be read back."""
@@ -91,7 +93,7 @@ class Journal:
         found = read(root / NAME)
         self.entries, self.axes, self.arrays, self.run, self.damaged = found.entries, found.axes, found.arrays, found.run, found.damaged
         self.blocks, self.shards, self.files_a_cell, self.torn = found.blocks, found.shards, found.files_a_cell, found.torn
-        self.records = found.records
+        self.records, self.outdated = found.records, found.outdated
         self.handle: int | None = None
 
     def open(self) -> None:
@@ -126,6 +128,7 @@ class Journal:
         self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
         for cell, key in pairs:
             self.entries[cell] = Entry("start", key)
+            self.outdated.discard(cell)
 
     def end(self, cells: Iterable[tuple[str, Entry]]) -> None:
         """Say that these cells are done (or failed): their chunks stand in their places."""
@@ -141,6 +144,18 @@ class Journal:
         )  # fmt: skip
         for cell, entry in pairs:
             self.entries[cell] = entry
+            self.outdated.discard(cell)
+
+    def give_up(self, cells: Iterable[str]) -> None:
+        """Say of cells that they are no longer there."""
+        self.end((name, Entry("removed", self.entries[name].key, (), "not_computed")) for name in cells)
+
+    def set_outdated(self, cells: Iterable[str]) -> None:
+        """Say which cells that are called done this run is about to replace; of others that is no longer so."""
+        names = set(cells)
+        if names != self.outdated:
+            self._append([{"event": "outdated", "cells": sorted(names)}])
+            self.outdated = names
 
     def set_axes(self, axes: Mapping[str, Mapping[str, list[Any]]]) -> None:
         """Say which axis values the arrays of each group have, in stored order, before any array changes."""
@@ -274,6 +289,7 @@ _FIELDS = {
     "blocks": frozenset({"event", "group", "blocks"}),
     "shard": frozenset({"event", "path", "size", "kept"}),
     "closed": frozenset({"event"}),
+    "outdated": frozenset({"event", "cells"}),
     "record": frozenset({"event", "path", "text"}),
     **dict.fromkeys(EVENTS, _OF_A_CELL),
 }
@@ -306,6 +322,8 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         found.records[_of(str, value["path"])] = _of(str, value["text"])
     elif event == "closed":
         found.close()
+    elif event == "outdated":
+        found.outdated = {_of(str, name) for name in _of(list, value["cells"])}
     else:
         files = _files(found, value.get("files", ()))
         status = value.get("status", "done")
@@ -317,6 +335,7 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         platform = _of(str, value.get("platform", ""))
         found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
         found.since.add(cell)
+        found.outdated.discard(cell)
         if found.run is not None and event in ("done", "failed"):
             found.run.ended.add(cell)
 
@@ -339,7 +358,9 @@ def _files(found: Read, written: Any) -> tuple[Written, ...]:
 def _block(written: Any) -> dict[str, Any]:
     words = {name: _of(str, written[name]) for name in ("codec", "form")}
     block = {"block": [_of(int, n) for n in written["block"]], **words, "pieces": _of(int, written["pieces"])}
-    if min([*block["block"], block["pieces"]]) < 1:
+    if "chunk" in written:
+        block["chunk"] = [_of(int, n) for n in written["chunk"]]
+    if min([*block["block"], block["pieces"], *block.get("chunk", ())]) < 1:
         raise ValueError("a block of nothing")
     return block
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from etendue.archive import crate, inputs, keeping, provenance
+from etendue.archive import crate, frames, inputs, keeping, provenance
 from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
@@ -142,7 +142,7 @@ class ArchiveKeeper:
         return found
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
-        return self.store.shown() != self._keys(shown) or not self.store.sheet_is_whole()
+        return self.store.shown() != self._keys(shown) or not frames.sheet_is_whole(self.store.folder, self.store.manifest)
 
     def _keys(self, refs: Iterable[CellRef]) -> list[str]:
         return [self.store.plan.cells[ref].key for ref in refs]

@@ -16,6 +16,7 @@ from etendue.archive.chunks import Chunk
 from etendue.archive.cutting import Blocks, chunk_shapes, chunks_at, cut
 from etendue.archive.journal import Entry
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
+from etendue.archive.pieces import known_chunk
 from etendue.archive.tree import Tree
 from etendue.plan.model import Cell, CellRef, Plan
 
@@ -103,7 +104,8 @@ class Laid:
         beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         one = self.blocks[path][variable.name]
-        tree.put_cells(path, variable.name, shape, chunk_shapes(variable, one["block"]), variable.dtype, one["codec"], dims, attrs)
+        chunks = chunk_shapes(variable.shape, one["block"], known_chunk(variable.shape, one))
+        tree.put_cells(path, variable.name, shape, chunks, variable.dtype, one["codec"], dims, attrs)
 
     def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
         """Position of a cell in the stored arrays of its group, from its position among the plan's values."""

@@ -21,7 +21,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +86,8 @@ class Archive:
         try:
             try:
                 fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if not os.path.samestat(os.fstat(self.lock), os.stat(self.folder / "lock")):
+                    raise BlockingIOError  # the archive was written anew between the two
             except BlockingIOError:
                 raise ArchiveInUse(f"{self.folder} is in use by another run") from None
             self.listing = disk.Listing(self.folder)
@@ -231,7 +233,8 @@ class Archive:
         names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
         earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
+        self.journal.set_outdated(self._outdated())
+        self.journal.give_up(left)
         self._say_what_was_damaged()
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
         sweep(self.folder, self.listing, self._parts_of_done_cells())
@@ -241,6 +244,13 @@ class Archive:
         self.journal.set_blocks(self.laid.blocks)
         self._put(self.tree.files())
         self.blocks.put(self.blocks.unsettled())
+
+    def _outdated(self) -> Iterator[str]:
+        """The cells that the journal calls done, and that this run is to compute otherwise."""
+        for ref in self.lacking:
+            entry = self.journal.entries.get(self.names[ref])
+            if entry is not None and entry.event == "done" and entry.key != self.plan.cells[ref].key:
+                yield self.names[ref]
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
         """Say what a run is asked for, and what of it is to be computed."""
@@ -338,32 +348,21 @@ class Archive:
 
     # -- closing --------------------------------------------------------------------------------------
 
-    def _frames(self) -> dict[str, bytes]:
-        """The files of the pictures of an earlier run; none where they are not whole."""
-        folder = f"{DATA}/{FRAMES}"
-        files = {path.removeprefix(f"{DATA}/"): disk.content_of(self.folder / path) or b"" for path in self.listing.below(folder)}
-        return files if frames.whole(files) else {}
-
     def shown(self) -> Any:
         """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
-        return frames.attributes(self._frames()).get("shown")
-
-    def sheet_is_whole(self) -> bool:
-        """Whether the contact sheet of an earlier run is there as it was written."""
-        known = self.manifest.files.get("contact_sheet.png") if self.manifest else None
-        data = disk.content_of(self.folder / "contact_sheet.png") or b""
-        if known is not None:
-            return hashlib.sha256(data).hexdigest() == known
-        return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
+        return frames.attributes(frames.stored(self.folder, self.listing)).get("shown")
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the one before."""
+        done = {name for name, entry in self.journal.entries.items() if entry.event == "done"}
+        lost = [self.names[ref] for ref in self.lacking - self.held.keys()]
+        self.journal.give_up([name for name in lost if name in done])  # shards are made without them
         self.blocks.close()
         self.laid.put_status(self.tree, self.journal.entries, self.lacking)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:
-                self.tree.take(self._frames() if name == FRAMES else {})
+                self.tree.take(frames.stored(self.folder, self.listing) if name == FRAMES else {})
                 continue
             for column, (dims, values, attrs) in tables[name]["arrays"].items():
                 self.tree.put_array(name, column, values, dims, attrs)

@@ -33,7 +33,8 @@ def export(
 ) -> None:  # fmt: skip
     """Pictures of an archive as files for other programs: DNG raw files, 16-bit TIFF.
 
-    Exit codes: 0 all written, 2 the request is wrong, 3 some cells have no picture, 4 a run is writing to the archive.
+    Exit codes: 0 all written, 2 the request is wrong, 3 some cells have no picture: they failed, or a run has not
+    come to them.
     """
     from etendue.export.command import Request
     from etendue.export.command import export as write

@@ -67,8 +67,8 @@ def export(request: Request) -> Exported:
     ------
     RequestError
         Nothing asked for, no such axis, value, stage or variable; a mask that DNG cannot say; a file that is there.
-    ArchiveError, ArchiveInUse
-        Not an archive; a run is writing to it.
+    ArchiveError
+        Not an archive, or damaged.
     """
     if not request.dng and not request.tiff:
         raise RequestError("say what to write: --dng, --tiff or both")

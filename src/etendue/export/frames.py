@@ -23,7 +23,8 @@ from etendue.archive.journal import read_journal
 from etendue.archive.layout import STATUS, cell_label
 from etendue.archive.provenance import latest_record
 from etendue.archive.stored import Stored
-from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError, nearest
+from etendue.archive.vouched import VouchedStore
+from etendue.errors import ArchiveError, Fault, RequestError, nearest
 from etendue.spec.units import UnitError, to_unit
 
 PLANE = ("channel", "y", "x")
@@ -98,8 +99,6 @@ class Shelf:
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         described = describe_archive(self.folder)
-        if described["running"]:
-            raise ArchiveInUse(f"{folder}: a run is writing to it; export when it has ended (how far it is: etendue show {folder})")
         record = latest_record(self.folder)
         assert record is not None  # describe_archive has refused such a folder
         self.record: dict[str, Any] = record
@@ -113,6 +112,10 @@ class Shelf:
     @cached_property
     def stored(self) -> Stored:
         return Stored(self.folder)
+
+    @cached_property
+    def store(self) -> Any:
+        return VouchedStore.of(self.stored.archive)
 
     @cached_property
     def journal(self) -> Mapping[str, Any]:
@@ -156,8 +159,7 @@ class Shelf:
 
     def _open(self, path: str) -> xarray.Dataset:
         if path not in self.opened:
-            store = str(self.folder / "data.zarr")
-            self.opened[path] = xarray.open_dataset(store, engine="zarr", group=path, chunks=None, consolidated=False)
+            self.opened[path] = xarray.open_dataset(self.store, engine="zarr", group=path, chunks=None, consolidated=False)
         return self.opened[path]
 
     # -- what is known of one -------------------------------------------------------------------------

@@ -7,9 +7,9 @@ import shutil
 from pathlib import Path
 
 from etendue.errors import MachineError
-from etendue.plan import planner
 from etendue.plan.cost import cell_bytes
 from etendue.plan.model import Plan
+from etendue.plan.strips import peak_memory
 
 
 def check_machine(plan: Plan, archive: Path | None) -> None:
@@ -20,7 +20,7 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
     longest = max(plan.axes, key=lambda a: len(a.values), default=None)
     hint = f"; the axis {longest.key} has {len(longest.values)} values" if longest else ""
     available = _available_memory()
-    peak = planner.peak_memory(plan) + (need if archive is None else 0)
+    peak = peak_memory(plan) + (need if archive is None else 0)
     if available and peak > available:
         where = "held in memory" if archive is None else "held at once"
         raise MachineError(

@@ -12,9 +12,10 @@ from typing import Any
 
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
+from etendue.plan.strips import by_band, walker
 from etendue.run.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.run.walks import with_walks
-from etendue.spec.capabilities import Banded, Summed
+from etendue.spec.capabilities import Summed
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
 from etendue.spec.stage import quantities_of, reads_of
@@ -105,13 +106,13 @@ def make_jobs(
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(deliver), target=target(cell), give=give,
             seconds=twin.seconds if twin else cell_seconds(node, cell, plan.precision),
-            by_band=twin.by_band if twin else _by_band(node, cell, plan.precision), segment=segment,
+            by_band=twin.by_band if twin else by_band(node, cell, plan.precision), segment=segment,
             looking=_looking(plan, nodes, cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
             mapped=Mapped(cell.mapped, _leading(nodes, cell)) if cell.mapped else None, expected=plan.expected,
             look=looks.get(ref),
         )  # fmt: skip
-    return with_walks(jobs, place)
+    return with_walks(jobs, lambda ref: walker(plan, nodes[ref[0]], plan.cells[ref]), place)
 
 
 def _costs_the_same(cell: Cell, grids: Mapping[str, Grid], input_grids: Mapping[str, Grid], twin: Job) -> bool:
@@ -119,13 +120,6 @@ def _costs_the_same(cell: Cell, grids: Mapping[str, Grid], input_grids: Mapping[
     if twin.grids is not grids or twin.input_grids is not input_grids or type(twin.stage) is not type(cell.stage):
         return False
     return twin.left_out == (cell.left_out is not None) and (twin.mapped is None) == (not cell.mapped)
-
-
-def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
-    """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
-    if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
-        return ()
-    return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
 
 
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
