@@ -36,7 +36,7 @@ from etendue.studies import installed
 from etendue.studies.axis import without_sweep
 from etendue.studies.emva_levels import RAW, lit, of_plan, raw_node, saturation
 from etendue.studies.emva_report import EmvaReport
-from etendue.studies.noise import sound
+from etendue.studies.flat_field import sound
 
 SIDE = 192  # pixels of the window, along y and x
 BY_PLACE = frozenset({*LENS, "falloff", "vignetting", "angular response"})
