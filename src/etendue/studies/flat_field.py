@@ -112,12 +112,16 @@ class FlatField:
             return f"{self.first.name} does not say what its scale is"
         return "" if self.signal() else "no stage writes expected_charge"
 
+    def noisy(self) -> dict[str, Noisy]:
+        """The stages in front of the mosaic that add noise, in order."""
+        return {name: stage for name, stage in self.before.items() if isinstance(stage, Noisy)}
+
     def model(self, signal: Mapping[str, float]) -> dict[str, float]:
         """Variance of a pixel of the linearised mosaic by channel, from what the stages in front of it say."""
         scale = self.before[self.first.name]
         if self.unsaid() or not isinstance(scale, Scaled):
             return {}
-        noisy = [stage for stage in self.before.values() if isinstance(stage, Noisy)]
+        noisy = self.noisy().values()
         remark = "noise of whole rows and columns is counted as if each pixel had its own"
         if any(stage.by_line and stage.variance(0.0) for stage in noisy) and remark not in self.notes:
             self.notes.append(remark)

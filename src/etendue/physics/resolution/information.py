@@ -84,7 +84,7 @@ def neq(signal: ArrayLike, noise: ArrayLike) -> FloatArray:
     return np.asarray(found, np.float64)
 
 
-def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-9) -> FloatArray:
+def neq_of_channels(signal: ArrayLike, noise: ArrayLike, singular: float = 1e-6) -> FloatArray:
     """Of several channels together, looked at by the best weighted sum of them at each frequency (Hotelling's observer).
 
     Parameters

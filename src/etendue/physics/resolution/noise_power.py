@@ -48,8 +48,8 @@ def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
 def carried_signal(answers: ArrayLike, signal: ArrayLike) -> ComplexArray:
     """(channel, m, n): fine detail of relative contrast 1 behind the chain, from `spectra`.
 
-    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the transfer function in front of them. What the mosaic
-    turns into other frequencies (aliases, colour fringes) is no part of it.
+    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the transfer function in front of them. What
+    the mosaic turns into other frequencies (aliases, colour fringes) is no part of it.
     """
     return np.asarray(np.einsum("pmn,pcmn->cmn", np.asarray(signal), np.asarray(answers)) / len(np.asarray(answers)))
 
