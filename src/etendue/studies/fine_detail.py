@@ -93,10 +93,13 @@ class FineDetail(FlatField):
 
     def contrast(self, channel: str, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
         """(m, n) transfer function of a channel in front of the mosaic, without some of its stages."""
-        product = Product(tuple(s for name, s in self.lens.items() if name not in without), self.edges)
+        return np.tensordot(self.colours[channel], self.band_contrast(fy, fx, [n for n in self.lens if n not in without]), 1)
+
+    def band_contrast(self, fy: Any, fx: Any, names: Collection[str]) -> Any:
+        """(wavelength, m, n) of some stages together."""
+        product = Product(tuple(self.lens[name] for name in names), self.edges)
         found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
-        bands = np.broadcast_to(found, (len(self.edges) - 1, *found.shape[1:]))
-        return np.broadcast_to(np.tensordot(self.colours[channel], bands, 1), (len(fy), len(fx)))
+        return np.broadcast_to(found, (len(self.edges) - 1, len(fy), len(fx)))
 
     # -- noise ------------------------------------------------------------------------------------------------------
 
