@@ -79,7 +79,7 @@ def information(
     report = InformationReport(pipeline.name, reflectance, ratio, size, contrast, detail.electrons, BLOCK, notes=detail.notes)
     _Chain(detail, report).follow()
     if count:
-        _Found(detail, report, registry, options).measure(alone, count)
+        _Found(detail, report, registry, options).measure(count)
     return report
 
 
@@ -148,7 +148,7 @@ class _Found:
         self.frequency = np.arange(1, BLOCK // 2 + 1) / BLOCK
         self.variance = kernel.signal_variance(report.ratio)
 
-    def measure(self, pipeline: Pipeline, count: int) -> None:
+    def measure(self, count: int) -> None:
         stacks: dict[Place, list[Any]] = {}
         for frame in frames(self.detail, self.registry, count):
             for place, picture in frame.items():
@@ -159,7 +159,7 @@ class _Found:
         means = [planes.mean(axis=(0, 2, 3)).max() for place, planes in wanted.items() if place[1] != "xyz_scene"]
         white = max([float(mosaic.mean(axis=0).max()), *means]) / self.report.reflectance
         try:
-            seen = self._edges(pipeline, [*wanted, (self.detail.first.name, MOSAIC)], white)
+            seen = self._edges([*wanted, (self.detail.first.name, MOSAIC)], white)
         except (EtendueError, ValueError) as error:
             text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
             self.report.notes.append(f"NEQ is not measured: {text}")
@@ -171,7 +171,7 @@ class _Found:
         fewest = min((curve.periodograms for curve in self.report.curves), default=ENOUGH)
         if fewest < ENOUGH:
             self.report.notes.append(
-                f"only {fewest} periodograms stand behind a found value: --frames {math.ceil(count * ENOUGH / fewest)}"
+                f"only {fewest} periodograms stand behind a found value: --frames {1 + math.ceil((count - 1) * ENOUGH / fewest)}"
             )
 
     # -- noise ------------------------------------------------------------------------------------------------------
@@ -237,10 +237,10 @@ class _Found:
         turn = math.radians(ANGLE)
         return math.sin(turn) * self.frequency, math.cos(turn) * self.frequency
 
-    def _edges(self, pipeline: Pipeline, places: list[Place], white: float) -> dict[Place, dict[str, Any]]:
+    def _edges(self, places: list[Place], white: float) -> dict[Place, dict[str, Any]]:
         """By picture and channel: contrast at the frequencies, of an edge over an even field of the same light, without noise."""
         detail = self.detail
-        base, _, sigma = edge_and_field(pipeline, detail.plan.nodes, detail.plan, white, self.registry)
+        base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, self.registry)
         plan = make_plan(replace(base, wanted=tuple(f"{s}.{v}" for s, v in places), keep=None, precision="float64"), self.registry, False)
         refs = {(s, i): (s, (i,) if plan.node(s).axes else ()) for s, _ in places for i in (0, 1)}
         arrays = collect(plan, {refs[s, i]: tuple(v for t, v in places if t == s) for s, v in places for i in (0, 1)}, self.options)
@@ -251,6 +251,8 @@ class _Found:
         found: dict[Place, dict[str, Any]] = {}
         for place in places:
             edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
+            if not (np.isfinite(field).all() and (field > 0).all()):
+                raise ValueError(f"{place[0]} leaves parts of an even field without light")
             inside = (..., _rows(edge.shape[-2], detail.mask.shape[0]), slice(BORDER, -BORDER))
             if place[1] == MOSAIC:
                 sites = {c: self._sites(plan, place, c)[inside] for c in detail.channels}

@@ -70,7 +70,7 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
     (channel, channel, block, block) array
         At ``numpy.fft.fftfreq(block)`` along y and x. The relative standard error of a power is 1 / sqrt(periodograms).
     int
-        Periodograms behind each value.
+        Periodograms behind each value that are independent: of one frame less than there are, which their mean has taken.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
         found = np.fft.fft2(cut, axes=(2, 4))
         total += np.einsum("caybx,daybx->cdyx", found, found.conj())
     blocks = down * right
-    return total / ((count - 1) * blocks * block**2), count * blocks
+    return total / ((count - 1) * blocks * block**2), (count - 1) * blocks
 
 
 def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) -> ComplexArray:
