@@ -59,9 +59,10 @@ def losses(given: options.Given, reflectance: float, runs: int, seed: int, as_js
     """What part of the lost contrast, signal-to-noise ratio and colour each stage is owed.
 
     Shapley values: what a stage adds to the loss, averaged over all orders in which the stages of the camera could be made real from
-    the ideal one; they sum to the loss. Shares are of what is lost before others win it back. Contrast (its mean up to Nyquist) and SNR of a grey card are counted in decibels, in which
-    blurs and gains add up, colour as mean squared CIEDE2000 to the ideal camera of `quality`. Below 0: the stage wins back. What two stages lose together is predicted from the values and the interactions of pairs, and held against the camera
-    without both.
+    the ideal one; they sum to the loss. Shares are of what is lost before others win it back; a stage below 0 wins back. Contrast (its
+    mean up to Nyquist) and SNR of a grey card are counted in decibels, in which blurs and gains add up, colour as mean squared
+    CIEDE2000 to the ideal camera of `quality`. What two stages lose together is predicted from the values and the interactions of
+    pairs, and held against the camera without both.
 
     Numerical error by stage is another question: `etendue accuracy`.
     """

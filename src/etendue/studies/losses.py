@@ -237,6 +237,7 @@ def _document(game: Game) -> dict[str, Any]:
         for (one, other), (predicted, lost) in game.pairs.items()
     ]  # fmt: skip
     return {
-        "what": game.name, "unit": game.unit, "figure": game.figure, "ideal": game.ideal, "camera": game.camera, "loss": found.total, "lost_before_gains": found.gross,
+        "what": game.name, "unit": game.unit, "figure": game.figure, "ideal": game.ideal, "camera": game.camera, "loss": found.total,
+        "lost_before_gains": found.gross,
         "stages": stages, "pairs": pairs, "coalitions": found.coalitions, "orders": found.orders or None,
     }  # fmt: skip
