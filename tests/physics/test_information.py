@@ -34,8 +34,7 @@ def test_white_noise_and_full_contrast_have_shannons_capacity(quanta, ratio):
 def test_a_gaussian_blur_has_the_dilogarithm_of_its_power(snr):
     """All of its contrast lies inside the square: pi / (2 a ln 2) times -Li2(-A), of A exp(-a f^2), from polar coordinates."""
     a = 4 * (math.pi * 1.5) ** 2
-    square = inf.nyquist_square(48)
-    found = inf.capacity(snr * np.exp(-a * (square.fy[:, None] ** 2 + square.fx**2)), square, 1.0)
+    found = inf.capacity(snr * np.exp(-a * (FY**2 + FX**2)), SQUARE, 1.0)
     outside = 1e-3 if snr * math.exp(-a / 4) > 1e-6 else 1e-9
     assert found == pytest.approx(-math.pi / (2 * a * math.log(2)) * scipy.special.spence(1 + snr), rel=outside)
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,24 +18,19 @@ import numpy as np
 from etendue.errors import EtendueError, RequestError
 from etendue.physics.resolution import information as kernel
 from etendue.physics.resolution import noise_power
-from etendue.physics.resolution.slanted_edge import slanted_edge
-from etendue.physics.sensor import cfa
 from etendue.plan.model import Plan
-from etendue.plan.planner import make_plan
 from etendue.registry import Registry
-from etendue.session import Options, collect
+from etendue.session import Options
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
 from etendue.studies.axis import without_sweep
-from etendue.studies.edge import ANGLE, edge_and_field
-from etendue.studies.figures import BORDER
+from etendue.studies.edge import ANGLE
+from etendue.studies.edge_contrast import edge_contrast
 from etendue.studies.fine_detail import LINEAR, FineDetail, Place, fine_detail, frames
 from etendue.studies.flat_field import MOSAIC
 from etendue.studies.information_report import Curve, InformationReport, Row
 
 BLOCK = 16  # pixels, side of a periodogram
-NODES = 24  # of the Nyquist square
-STEPS = 8 * BLOCK  # samples of the edge's response up to 1 cycle/pixel
 ENOUGH = 400  # periodograms behind each value, below which a note says so
 
 
@@ -100,7 +94,7 @@ class _Chain:
 
     def __init__(self, detail: FineDetail, report: InformationReport) -> None:
         self.detail, self.report = detail, report
-        self.square = kernel.nyquist_square(NODES)
+        self.square = kernel.nyquist_square()
         sigma = report.size / math.sqrt(8 * math.log(2))
         self.spot = kernel.gaussian_object(self.square.fy[:, None], self.square.fx, sigma)
         self.variance = kernel.signal_variance(report.ratio)
@@ -159,7 +153,8 @@ class _Found:
         means = [planes.mean(axis=(0, 2, 3)).max() for place, planes in wanted.items() if place[1] != "xyz_scene"]
         white = max([float(mosaic.mean(axis=0).max()), *means]) / self.report.reflectance
         try:
-            seen = self._edges([*wanted, (self.detail.first.name, MOSAIC)], white)
+            places = [*wanted, (self.detail.first.name, MOSAIC)]
+            seen = edge_contrast(self.detail, places, white, self.frequency, self.registry, self.options)
         except (EtendueError, ValueError) as error:
             text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
             self.report.notes.append(f"NEQ is not measured: {text}")
@@ -236,56 +231,6 @@ class _Found:
         """Frequencies along the normal of the edge."""
         turn = math.radians(ANGLE)
         return math.sin(turn) * self.frequency, math.cos(turn) * self.frequency
-
-    def _edges(self, places: list[Place], white: float) -> dict[Place, dict[str, Any]]:
-        """By picture and channel: contrast at the frequencies, of an edge over an even field of the same light, without noise."""
-        detail = self.detail
-        base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, self.registry)
-        plan = make_plan(replace(base, wanted=tuple(f"{s}.{v}" for s, v in places), keep=None, precision="float64"), self.registry, False)
-        refs = {(s, i): (s, (i,) if plan.node(s).axes else ()) for s, _ in places for i in (0, 1)}
-        arrays = collect(plan, {refs[s, i]: tuple(v for t, v in places if t == s) for s, v in places for i in (0, 1)}, self.options)
-        failed = next((r for r in arrays.reports.values() if r.status == "failed"), None)
-        if failed is not None:
-            raise ValueError(f"the stage {failed.stage!r} broke off in front of an edge: {failed.message.splitlines()[-1]}")
-        own = np.exp(-2 * (math.pi * sigma / detail.pitch * self.frequency) ** 2)
-        found: dict[Place, dict[str, Any]] = {}
-        for place in places:
-            edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
-            if not (np.isfinite(field).all() and (field > 0).all()):
-                raise ValueError(f"{place[0]} leaves parts of an even field without light")
-            inside = (..., _rows(edge.shape[-2], detail.mask.shape[0]), slice(BORDER, -BORDER))
-            if place[1] == MOSAIC:
-                sites = {c: self._sites(plan, place, c)[inside] for c in detail.channels}
-                picture = (edge / field)[inside]
-                found[place] = {c: self._response(picture, own, None if s.all() else s) for c, s in sites.items()}
-                continue
-            names = detail.names_of(place)
-            found[place] = {name: self._response((edge[i] / field[i])[inside], own, None) for i, name in enumerate(names)}
-        return found
-
-    def _sites(self, plan: Plan, place: Place, channel: str) -> Any:
-        """Where a channel's pixels are in the window of the edge."""
-        node = plan.node(place[0])
-        grid = plan.cells[node.name, (0,) * len(node.axes)].grids[MOSAIC]
-        y, x = grid.line("y"), grid.line("x")
-        mask = cfa.read(str(plan.camera.get("pattern", "mono")))
-        index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
-        return index == list(mask.channels).index(channel)
-
-    def _response(self, picture: Any, own: Any, sites: Any) -> Any:
-        found = slanted_edge(picture, samples=STEPS + 1, tails=False, sites=sites)
-        return np.interp(self.frequency, found.frequency, found.sfr) / own
-
-
-def _rows(rows: int, period: int) -> slice:
-    """Rows in the middle over which the edge wanders by whole cells of the mosaic: what a demosaicer makes of its cells then averages out.
-
-    Else false detail of low frequency, which is strong, leaks into the response next to 1/2 cycle/pixel.
-    """
-    step = period / math.tan(math.radians(ANGLE))
-    kept = round(step * max(1, math.floor((rows - 2 * BORDER) / step)))
-    start = max(0, (rows - kept) // 2)
-    return slice(start, start + kept)
 
 
 def _folded(frequency: float, period: float) -> float:

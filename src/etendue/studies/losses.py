@@ -31,7 +31,7 @@ from etendue.studies.flat_field import MOSAIC
 from etendue.studies.ideal import Ideal, ideal_of, origin_without
 from etendue.studies.loss_games import Contrast, Game, SignalToNoise
 from etendue.studies.quality_figures import Shot
-from etendue.studies.shapley import shares
+from etendue.studies.shapley import fewest, shares
 
 ANALYTIC = 1024  # coalitions of what follows from figures: exact up to ten stages
 RUNS = 64  # coalitions that are run, unless told otherwise: exact up to six stages
@@ -155,6 +155,9 @@ def _colour(
 ) -> None:
     try:
         cameras = _Cameras(pipeline, registry, options, told)
+        least = min(2 ** len(cameras.players), fewest(len(cameras.players)))
+        if runs < least:
+            raise ValueError(f"{len(cameras.players)} stages take part, for which {least} cameras must be run: --runs {least}")
         report.notes += [note for note in cameras.ideal.notes if note not in report.notes]
         report.games.append(
             _game("colour", "CIEDE2000^2", "rms CIEDE2000 to the ideal camera", cameras.players, cameras.loss, cameras.figure, runs, seed)

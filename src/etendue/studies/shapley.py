@@ -84,6 +84,11 @@ def shares(value: Value, players: Sequence[str], most: int = 64, seed: int = 0) 
     return Shares(names, values, interactions, errors, asked(everyone) - asked(0), len(known), orders)
 
 
+def fewest(players: int) -> int:
+    """Coalitions that an order and its reverse ask for, with neighbours, at most."""
+    return 2 * (2 * players - 1)
+
+
 def _exact(asked: Callable[[int], float], n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     values, interactions = np.zeros(n), np.zeros((n, n))
     alone = [math.factorial(s) * math.factorial(n - s - 1) / math.factorial(n) for s in range(n)]
@@ -103,7 +108,7 @@ def _sampled(
     asked: Callable[[int], float], n: int, most: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]:
     """Of an order: what each player adds to those in front; of neighbours in it also what they add together."""
-    each = 2 * (2 * n - 1)  # coalitions of an order and its reverse, at most
+    each = fewest(n)
     pairs = most // each
     if pairs < 1:
         raise ValueError(f"most is {most}; of {n} players at least {each} coalitions must be asked")
