@@ -28,8 +28,8 @@ def print_losses(document: dict[str, Any]) -> None:
             error = "" if not loss["orders"] or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
             table.add_row(row["stage"], _percent(row["share"]), f"{row['loss']:.3f}{error}", _figure(row["figure_without"]))
         console.print(table)
-        how = f"{loss['orders']} random orders, of them" if loss["orders"] else "every set of stages:"
-        console.print(f"  {how} {loss['coalitions']} cameras")
+        how = f"{loss['orders']} random orders" if loss["orders"] else "all sets of stages"
+        console.print(f"  shares from {how}: {loss['coalitions']} cameras")
         if loss["pairs"] and loss["lost_before_gains"]:
             worst = max(abs(pair["predicted"] - pair["found"]) for pair in loss["pairs"])
             console.print(
