@@ -57,7 +57,7 @@ def information(
     ratio : float
         Of the brightest to the darkest detail, above 1: the signal is anything between, the same power at all frequencies.
     size, contrast : float
-        Of the disc-like Gaussian spot that the ideal observer looks for: its width at half height in pixels, its contrast at the peak.
+        Of the Gaussian spot that the ideal observer looks for: its width at half height in pixels, its contrast at the peak.
     count : int
         Frames of noise; 0: nothing is measured.
 
