@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 ENDS = (0.0, 0.25, 0.5)  # cycles/pixel at which the table says NEQ
-FAINTEST = 1e-3  # of the largest NEQ, below which found and predicted are not held against each other
+FAINTEST = 1e-2  # of the largest NEQ, below which found and predicted are not held against each other
 
 
 @dataclass
@@ -43,7 +43,7 @@ class Curve:
 
     @property
     def apart(self) -> float:
-        """Largest |found / predicted - 1|, where there is a thousandth of the largest NEQ: below, a zero of the picture's response."""
+        """Largest |found / predicted - 1|, where there is a hundredth of the largest NEQ: below, a zero of the picture's response."""
         least = FAINTEST * max(self.predicted, default=0.0)
         return max((abs(f / p - 1) for f, p in zip(self.found, self.predicted, strict=True) if p > least), default=0.0)
 
