@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, measuring, runs, stability, trust
+from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, information, measuring, runs, stability, trust
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -84,6 +84,8 @@ def main() -> None:
     etendue quality FILE                    every camera of a sweep against the ideal one
     etendue noise FILE                      noise behind every stage, predicted and found
     etendue emva FILE                       a sensor measured after EMVA 1288, beside what it should be
+    etendue information FILE                bits a pixel of fine detail, and where they are lost
+    etendue losses FILE                     which stage is owed the lost contrast, SNR and colour
     etendue accuracy FILE                   error against run time, of every knob and of combinations
     etendue stability                       every stage where numbers are hard
     etendue sensors                         sensors whose parameters are published
@@ -98,6 +100,7 @@ for _command in (
     *(runs.plan, runs.run, runs.rerun, runs.archive),
     *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
+    *(information.information, information.losses),
     *(stability.stability, exports.export, compacting.compact),
     *(beginnings.new, beginnings.new_plugin, imports.take),
     *(trust.verify, trust.reproduce, trust.diff),

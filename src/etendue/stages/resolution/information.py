@@ -47,7 +47,7 @@ class Information(KnownNoise, Probe):
     writes: ClassVar = {
         "information_capacity": "stage [1] nan", "information_of_light": "[1] nan", "snri": "stage [1] nan", "neq": "detail [1] nan",
     }  # fmt: skip
-    creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "pixel-1")}
+    creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "cycles/pixel")}
     nanoseconds: ClassVar = 2e7
 
     pattern: str = quantity("pattern")
