@@ -176,7 +176,7 @@ OPERATIONS = ("pwritev", "open", "replace", "ftruncate", "mkdir", "write")
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO], ids=["full", "broken"])
 def test_a_disk_that_fails_once_ends_the_run_in_words_and_the_next_goes_on(whole, plan, tmp_path, monkeypatch, code):
-    """At some of the operations on files; at every one: benchmarks/faults/disk.py."""
+    """At some of the operations on files; at every one: benchmarks/faults/file_operations.py."""
 
     class Failing:
         """The module ``os`` for the door to the disk: one operation fails."""
@@ -212,3 +212,14 @@ def test_a_disk_that_fails_once_ends_the_run_in_words_and_the_next_goes_on(whole
         run(plan, archive)
         assert store_of(archive) == store_of(whole)
         assert not parts(archive)
+
+
+def test_what_a_run_leaves_that_is_killed_while_it_takes_its_folder_is_an_archive(whole, plan, tmp_path):
+    """Killed at its first write there is nothing that tells an archive but the names: at every operation, benchmarks/faults."""
+    archive = tmp_path / "a"
+    (archive / "data.zarr").mkdir(parents=True)
+    for name in ("lock", "journal.jsonl", ".run.id.4321.140157846580096.partial"):
+        (archive / name).touch()
+    run(plan, archive)
+    assert store_of(archive) == store_of(whole)
+    assert not list(archive.glob(".*"))

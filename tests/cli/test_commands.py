@@ -411,3 +411,12 @@ def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):
     assert code == 0, err
     code, out, _ = inside("show", "asked")
     assert "airy_diameter" in out
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize("words", [("--help",), ("plan", "--help")])
+def test_help_that_finds_no_room_says_so_in_one_line(words):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "etendue", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 5
+    assert done.stderr.count("\n") == 1 and "No space left" in done.stderr

@@ -106,7 +106,8 @@ def locked(folder: Path, how: int) -> int:
 def check_in_order(old: Path, archive: StoredArchive) -> None:
     manifest = read_manifest(old)
     changed = ["manifest.json"] if manifest is None else manifest.changed(old)
-    if changed or archive.journal.damaged or archive.journal.torn:
+    lost = {chunk.group for cell in archive.cells.values() for chunk in cell.chunks} - archive.journal.axes.keys()
+    if changed or lost or archive.journal.damaged or archive.journal.torn:
         raise ArchiveError(
             f"{old / (changed or ['journal.jsonl'])[0]} is missing or not as a run left it: only an archive in order is written anew. "
             f"Run its pipeline on it first"

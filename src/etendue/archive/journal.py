@@ -301,25 +301,25 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
     if not set(value) <= _FIELDS[event]:
         raise ValueError("unknown words")
     if event == "axes":
-        group, axes = _of(str, value["group"]), value["axes"]
+        group, axes = _inside(value["group"]), value["axes"]
         if axes is None:
             found.axes.pop(group, None)
         else:
             found.axes[group] = {_of(str, dim): _axis(_of(list, values)) for dim, values in axes.items()}
     elif event == "arrays":
-        found.arrays.setdefault(_of(str, value["group"]), set()).update(_of(str, name) for name in _of(list, value["names"]))
+        found.arrays.setdefault(_inside(value["group"]), set()).update(_inside(name) for name in _of(list, value["names"]))
     elif event == "run":
         planned, todo = ({_of(str, k): _of(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
         found.run = Going(planned, todo)
     elif event == "blocks":
-        found.blocks[_of(str, value["group"])] = {_of(str, name): _block(one) for name, one in value["blocks"].items()}
+        found.blocks[_inside(value["group"])] = {_inside(name): _block(one) for name, one in value["blocks"].items()}
     elif event == "shard":
-        kept = tuple((_of(str, part), *(_of(int, n) for n in rest)) for part, *rest in value["kept"])
+        kept = tuple((_inside(part), *(_of(int, n) for n in rest)) for part, *rest in value["kept"])
         if any(len(one) != 4 for one in kept):
             raise ValueError("a run of bytes is a part and three numbers")
-        found.shards[_of(str, value["path"])] = Shard(_of(int, value["size"]), kept, True)
+        found.shards[_inside(value["path"])] = Shard(_of(int, value["size"]), kept, True)
     elif event == "record":
-        found.records[_of(str, value["path"])] = _of(str, value["text"])
+        found.records[_inside(value["path"])] = _of(str, value["text"])
     elif event == "closed":
         found.close()
     elif event == "outdated":
@@ -347,11 +347,11 @@ def _files(found: Read, written: Any) -> tuple[Written, ...]:
         if len(one) == 3:
             path, size, _ = one
             found.files_a_cell += 1
-            files.append(Written(_of(str, path), 0, "", 0, _of(int, size), 0))
+            files.append(Written(_inside(path), 0, "", 0, _of(int, size), 0))
         else:
             path, slot, part, *numbers = one
             offset, size, digest = (_of(int, n) for n in numbers)
-            files.append(Written(sys.intern(_of(str, path)), _of(int, slot), sys.intern(_of(str, part)), offset, size, digest))
+            files.append(Written(sys.intern(_inside(path)), _of(int, slot), sys.intern(_inside(part)), offset, size, digest))
     return tuple(files)
 
 
@@ -369,6 +369,13 @@ def _of(kind: Any, value: Any) -> Any:
     if not isinstance(value, kind) or isinstance(value, bool):
         raise TypeError(f"expected {kind}, got {type(value)}")
     return value
+
+
+def _inside(path: Any) -> str:
+    """A path below the archive; a line that leads out of it says nothing."""
+    if not isinstance(path, str) or path[:1] == "/" or (".." in path and ".." in path.split("/")):
+        raise ValueError("a path that leads out of the archive")
+    return path
 
 
 def _axis(written: list[Any]) -> list[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -19,10 +19,15 @@ class _Main(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = "--json" in args
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)  # prints --help and --version
+        except BrokenPipeError:
+            os._exit(141)
+        except OSError as error:
+            return self._refused(ctx, error)
 
     def invoke(self, ctx: click.Context) -> Any:
-        from etendue.errors import EtendueError, RequestError, machine_text
+        from etendue.errors import EtendueError, RequestError
         from etendue.telling import plain, printable, said, where
 
         as_json = bool(ctx.obj)
@@ -44,8 +49,7 @@ class _Main(click.Group):
         except BrokenPipeError:  # whoever read the output has gone
             os._exit(141)
         except OSError as error:
-            click.echo(printable(machine_text(error)), err=True)
-            ctx.exit(5)
+            self._refused(ctx, error)
         except MemoryError as error:
             click.echo(f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is intact", err=True)
             ctx.exit(5)
@@ -61,6 +65,13 @@ class _Main(click.Group):
                 f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows", err=True
             )
             ctx.exit(1)
+
+    def _refused(self, ctx: click.Context, error: OSError) -> NoReturn:
+        from etendue.errors import machine_text
+        from etendue.telling import printable
+
+        click.echo(printable(machine_text(error)), err=True)
+        ctx.exit(5)
 
 
 @click.group(cls=_Main, context_settings=CONTEXT)

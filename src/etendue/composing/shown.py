@@ -10,7 +10,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-from etendue.report.terminal import human_bytes, human_seconds
+from etendue.report.terminal import human_seconds
+from etendue.telling import human_bytes
 
 STYLE = "text-align:left;padding:2px 10px 2px 0;border:0;vertical-align:top"
 

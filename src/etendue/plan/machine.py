@@ -10,6 +10,7 @@ from etendue.errors import MachineError
 from etendue.plan.cost import cell_bytes
 from etendue.plan.model import Plan
 from etendue.plan.strips import peak_memory
+from etendue.telling import human_bytes
 
 
 def check_machine(plan: Plan, archive: Path | None) -> None:
@@ -24,7 +25,7 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
     if available and peak > available:
         where = "held in memory" if archive is None else "held at once"
         raise MachineError(
-            f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep"
+            f"about {human_bytes(peak)} would be {where}, {human_bytes(available)} are free{hint}; shorten 'keep' or the sweep"
         )
     if archive is not None:
         folder = archive.absolute()
@@ -34,7 +35,7 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
         free = shutil.disk_usage(folder).free + held
         if need > free:
             raise MachineError(
-                f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep"
+                f"about {human_bytes(need)} would be stored, {human_bytes(free)} are free on the disk{hint}; shorten 'keep' or the sweep"
             )
 
 

@@ -22,7 +22,7 @@ from etendue.plan.omissions import told
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
-from etendue.telling import printable
+from etendue.telling import human_bytes, printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -48,14 +48,6 @@ class _Table(Table):
 
 def _out() -> Console:
     return _Console(highlight=False, soft_wrap=False)
-
-
-def human_bytes(count: float) -> str:
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if count < 1000 or unit == "TB":
-            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
-        count /= 1000
-    return ""
 
 
 def human_seconds(seconds: float) -> str:
