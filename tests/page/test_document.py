@@ -10,6 +10,7 @@ from etendue.archive.journal import Entry, Journal
 from etendue.page.document import document
 from etendue.page.looks import picture, pictured
 from etendue.page.opened import Opened
+from etendue.page.report import reported
 from etendue.page.shots import chosen, shots
 from tests.page.conftest import HOSTILE, unpacked
 
@@ -123,3 +124,15 @@ def test_pictures_keep_to_their_budget_and_say_what_is_left_out(archive):
     assert set(map(tuple, large["series"][0]["sizes"].values())) == {(18, 12)}
     assert len(large["series"][0]["pictures"]) == 6 and large["series"][0]["how"] == "without loss" and not large["left_out"]
     assert sum(len(one["pictures"]) for one in small["series"]) < sum(len(one["pictures"]) for one in large["series"]) and small["left_out"]
+
+
+def test_what_is_damaged_is_named_and_not_shown(archive, tmp_path):
+    folder = tmp_path / "damaged"
+    shutil.copytree(archive, folder)
+    shard = next(path for path in (folder / "data.zarr/encode/rgb_display").rglob("c*") if path.is_file())
+    data = bytearray(shard.read_bytes())
+    data[40] ^= 255
+    shard.write_bytes(data)
+    made = reported(Opened(folder))
+    assert len(made["damaged"]) == 1 and made["damaged"][0].startswith("rgb_display of encode f_number=")
+    assert len(next(one for one in made["pictures"]["series"] if one["variable"] == "rgb_display")["pictures"]) == 5

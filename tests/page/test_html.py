@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import re
+import socket
 
 import pytest
 from click.testing import CliRunner
@@ -61,3 +62,13 @@ def test_a_folder_that_is_no_archive_is_refused_and_nothing_is_written(tmp_path)
         result = CliRunner().invoke(main, command)
         assert result.exit_code == 2 and "is not an archive of etendue" in result.output
     assert not (tmp_path / "out.html").exists()
+
+
+def test_what_cannot_be_written_or_listened_to_is_a_wrong_request(archive, tmp_path):
+    result = CliRunner().invoke(main, ["report", str(archive), "-o", str(tmp_path)])
+    assert result.exit_code == 2 and "is a folder" in result.output
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        result = CliRunner().invoke(main, ["view", str(archive), "--no-browser", "--port", str(taken.getsockname()[1])])
+    assert result.exit_code == 2 and "in use" in result.output

@@ -51,10 +51,15 @@ def view(folder: Path, port: int, no_browser: bool) -> None:
     Follows a run that is still going on. The address holds a secret: whoever has it, on this machine, can look; nobody
     can change anything. Ends with Ctrl-C.
     """
+    from etendue.errors import RequestError
     from etendue.page.live import Live
     from etendue.page.server import Server
 
-    with Server(Live(folder), port) as server:
+    try:
+        opened = Server(Live(folder), port)
+    except OSError as error:
+        raise RequestError(f"--port {port}: {(error.strerror or 'refused').lower()}; without it any port that is free is taken") from None
+    with opened as server:
         with streams.results():
             click.echo(server.url)
         if not no_browser:

@@ -54,6 +54,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         "cells": _cells(opened, table, columns),
         "omissions": omissions(table),
         "failures": failures(opened, table),
+        "damaged": sorted(opened.damaged),
         "measured": measured(opened),
         "provenance": _provenance(opened),
         "blob": columns.text(),

@@ -70,12 +70,14 @@ class Opened:
     record : of the last run: parameters, versions, platform
     running : whether a run is writing to it
     ended : whether its last run has come to an end, so that its tables are right
+    damaged : what was asked for and is not as it was written
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.running = is_running(folder)
         self.stored = Stored(folder)
+        self.damaged: set[str] = set()
         record = latest_record(folder)
         if record is None:
             why = "a run is beginning; look again in a moment" if self.running else "no readable record of a run; see etendue verify"
@@ -189,4 +191,8 @@ class Opened:
         cell = self.stored.cell(name)
         if variable not in cell.variables:
             raise ArchiveError(f"{self.folder}: of {name} no {variable} is kept")
-        return cell.read(variable)
+        try:
+            return cell.read(variable)
+        except ArchiveError:
+            self.damaged.add(f"{variable} of {name}")
+            raise

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from etendue.errors import RequestError
 from etendue.page.document import document
 from etendue.page.html import page
 from etendue.page.opened import Opened
@@ -38,7 +39,11 @@ def report(archive: Path, output: Path) -> Written:
     ------
     ArchiveError
         It is none, or damaged.
+    RequestError
+        The output is a folder.
     """
+    if output.is_dir():
+        raise RequestError(f"-o {output} is a folder; name a file, such as {output / 'report.html'}")
     opened = Opened(archive)
     made = reported(opened)
     text = page(made)
@@ -56,7 +61,8 @@ def report(archive: Path, output: Path) -> Written:
 def reported(opened: Opened) -> dict[str, Any]:
     """The document of a report: figures of all cells, pictures of a few."""
     made = document(opened, about_stages(opened))
-    return {**made, "pictures": shots(opened, made["start"])}
+    made = {**made, "pictures": shots(opened, made["start"])}
+    return {**made, "damaged": sorted(opened.damaged)}
 
 
 def about_stages(opened: Opened) -> Mapping[str, Mapping[str, str]]:

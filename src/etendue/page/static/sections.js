@@ -35,7 +35,8 @@ function header(doc) {
   if (doc.running) chips.push(chip('busy', doc.live ? 'running' : 'still running when this was made'));
   else if (!doc.ended) chips.push(chip('warn', 'interrupted'));
   if (failed) chips.push(chip('bad', `${plural(failed, 'cell')} failed`));
-  else if (doc.ended) chips.push(chip('good', 'complete, no failures'));
+  if (doc.damaged.length) chips.push(chip('bad', `${plural(doc.damaged.length, 'array')} damaged`));
+  else if (doc.ended && !failed) chips.push(chip('good', 'complete, no failures'));
   const state = el('div', { class: 'chips', id: 'chips' }, chips);
   const about = points > 1
     ? `${plural(points, 'simulated exposure')}: ${doc.axes.map((axis) => `${axis.values.length} × ${axis.label}`).join(', ')}.`

@@ -15,7 +15,7 @@ async function show(doc, root) {
   const scalars = state.figures.flatMap(scalarsOf);
   state.scalars = scalars;
   const head = header(doc), bar = sliders(doc), main = el('main', {});
-  const failed = doc.failures.rows.length > 0;
+  const failed = doc.failures.rows.length > 0 || doc.damaged.length > 0;
   const made = [
     () => (failed ? failedPart(doc) : null), () => (doc.live ? livePart(doc) : null), () => glance(doc), () => cellPart(doc, scalars),
     () => mapPart(doc, scalars), () => curvesPart(doc, state.figures), () => tradePart(doc, scalars), () => themePart(doc, scalars),

@@ -120,5 +120,6 @@ function failedPart(doc) {
   const body = rows.length
     ? rows.map((row) => el('div', { class: 'failure' }, el('h3', {}, `${named(row.stage)}: ${plural(row.cells, 'cell')}`), el('pre', {}, row.message || 'no message'), row.examples.length ? el('p', { class: 'note' }, `at ${row.examples.map((at) => Object.entries(at).map(([dim, v]) => { const axis = axisOf(dim), i = axis ? axis.values.indexOf(v) : -1; return axis && i >= 0 ? `${axis.label} ${axisValue(axis, i)}` : `${dim} ${say(v)}`; }).join(', ') || 'the only cell').join('; ')}${row.cells > row.examples.length ? '; …' : ''}`) : null))
     : el('p', { class: 'fine' }, 'No cell failed.');
-  return section('failed', 'Failures', '', card(body, skipped ? el('p', { class: 'note' }, `${plural(skipped, 'cell')} behind them ${skipped === 1 ? 'was' : 'were'} skipped.`) : null));
+  const damaged = doc.damaged.length ? el('div', { class: 'failure' }, el('h3', {}, `Damaged: ${plural(doc.damaged.length, 'array')}, not shown`), el('pre', {}, doc.damaged.slice(0, 20).join('\n')), el('p', { class: 'note' }, `Mend it: etendue verify ${doc.archive} --repair`)) : null;
+  return section('failed', 'Failures', '', card(damaged, body, skipped ? el('p', { class: 'note' }, `${plural(skipped, 'cell')} behind them ${skipped === 1 ? 'was' : 'were'} skipped.`) : null));
 }
