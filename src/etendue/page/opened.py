@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.describe import is_running, order_of, progress
+from etendue.archive.describe import order_of, progress
 from etendue.archive.journal import Entry
 from etendue.archive.layout import BOUNDS, cell_label
 from etendue.archive.manifest import DATA
+from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, records
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError
@@ -194,5 +195,6 @@ class Opened:
         try:
             return cell.read(variable)
         except ArchiveError:
-            self.damaged.add(f"{variable} of {name}")
+            if not self.running:  # a run may be putting it in its place
+                self.damaged.add(f"{variable} of {name}")
             raise
