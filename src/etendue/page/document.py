@@ -40,7 +40,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         "description": str(pipeline.get("description", "")),
         "running": opened.running,
         "ended": opened.ended,
-        "progress": opened.progress(),
+        "progress": opened.progress,
         "axes": [
             {"dim": a.dim, "key": a.key, "label": a.label, "units": a.units, "text": a.text, "values": list(a.values)} for a in opened.axes
         ],

@@ -82,6 +82,7 @@ class Live:
             except ArchiveError:  # a run is beginning, or files are being put in their places: what was seen last stays
                 self._seen = time.monotonic()
                 return
+            _ = fresh.progress  # as of now: its rate is of what has been seen
             self.opened, self._state = fresh, state
             self.serial += 1
             self._pictures.clear()
@@ -115,7 +116,7 @@ class Live:
             failed = sum(entry.event == "failed" for entry in self.opened.entries.values())
             return _json(
                 {
-                    **self.opened.progress(), "running": self.opened.running, "ended": self.opened.ended, "serial": self.serial,
+                    **self.opened.progress, "running": self.opened.running, "ended": self.opened.ended, "serial": self.serial,
                     "failed": failed,
                 }
             )  # fmt: skip

@@ -102,6 +102,7 @@ class Opened:
     def runs(self) -> list[dict[str, Any]]:
         return records(self.folder)
 
+    @cached_property
     def progress(self) -> dict[str, Any]:
         """Cells that the last run was asked for, those that are there; of a run that is going on its rate and what is left."""
         return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
