@@ -64,18 +64,18 @@ def describe_archive(folder: Path) -> dict[str, Any]:
             "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
             **_progress(journal, name),
         }
-        for name in _order(root, record)
+        for name in order_of(root, record)
     ]  # fmt: skip
     size = sum((folder / path).lstat().st_size for top in disk.FOLDERS for path in listing.below(top) if (folder / path).exists())
     size += sum((folder / name).lstat().st_size for name in disk.FILES if (folder / name).exists())
     return {
         "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
         "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
-        **_progress(journal), **(_pace(journal, str(record["began"])) if running else {"rate": None, "left": None}),
+        **progress(journal, str(record["began"]) if running else ""),
     }  # fmt: skip
 
 
-def _order(root: Path, record: dict[str, Any]) -> list[str]:
+def order_of(root: Path, record: dict[str, Any]) -> list[str]:
     """The stages in the order of the pipeline: of two that write the same variable the later one counts."""
     attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
     own = attributes.get("etendue") if isinstance(attributes, dict) else None
@@ -83,6 +83,11 @@ def _order(root: Path, record: dict[str, Any]) -> list[str]:
         if isinstance(names, list):
             return [str(name) for name in names]
     return list(record["nodes"])
+
+
+def progress(journal: Read, began: str = "") -> dict[str, Any]:
+    """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second and seconds left."""
+    return {**_progress(journal), **(_pace(journal, began) if began else {"rate": None, "left": None})}
 
 
 def _progress(journal: Read, stage: str | None = None) -> dict[str, Any]:

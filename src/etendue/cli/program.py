@@ -8,7 +8,20 @@ from typing import Any, NoReturn
 import click
 
 from etendue import interrupts
-from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, information, measuring, runs, stability, trust
+from etendue.cli import (
+    beginnings,
+    catalogue,
+    compacting,
+    comparisons,
+    exports,
+    imports,
+    information,
+    measuring,
+    pages,
+    runs,
+    stability,
+    trust,
+)
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -89,6 +102,8 @@ def main() -> None:
     etendue verify smallest                 every byte as it was written? --repair mends it
     etendue reproduce smallest              compute it again and compare, cell by cell
     etendue diff smallest other             which cells of two archives differ, by how much, since what
+    etendue report smallest                 one HTML page to read and send on
+    etendue view smallest                   every pixel of every stage, live, in a browser
     etendue export smallest --dng           raw files that other converters open
     etendue compact OLD NEW                 an archive written anew, its axes sorted
     etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
@@ -112,7 +127,7 @@ for _command in (
     *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
     *(information.information, information.losses),
-    *(stability.stability, exports.export, compacting.compact),
+    *(stability.stability, pages.report, pages.view, exports.export, compacting.compact),
     *(beginnings.new, beginnings.new_plugin, imports.take),
     *(trust.verify, trust.reproduce, trust.diff),
 ):
