@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, information, measuring, runs, stability, trust
+from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, information, measuring, plots, runs, stability, trust
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -78,6 +78,7 @@ def main() -> None:
     etendue verify smallest                 every byte as it was written? --repair mends it
     etendue reproduce smallest              compute it again and compare, cell by cell
     etendue diff smallest other             which cells of two archives differ, by how much, since what
+    etendue plot smallest                   maps, curves, fronts, pictures of it; --list says which
     etendue export smallest --dng           raw files that other converters open
     etendue compact OLD NEW                 an archive written anew, its axes sorted
     etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
@@ -101,7 +102,7 @@ for _command in (
     *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
     *(information.information, information.losses),
-    *(stability.stability, exports.export, compacting.compact),
+    *(stability.stability, exports.export, plots.plot, compacting.compact),
     *(beginnings.new, beginnings.new_plugin, imports.take),
     *(trust.verify, trust.reproduce, trust.diff),
 ):

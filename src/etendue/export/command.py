@@ -16,9 +16,10 @@ from typing import Any
 
 from etendue.errors import Fault, RequestError
 from etendue.export import dng, tiff
-from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain, read_at
+from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain
 from etendue.export.masks import mask_of, note
 from etendue.physics.electronics import amplifier
+from etendue.plots.places import read_at
 from etendue.registry import installed_stages
 from etendue.spec.roles import BALANCE, FULL_WELL
 

@@ -377,3 +377,19 @@ def print_archive(document: dict[str, Any]) -> None:
                 unit = f"[{v['units']}]" if v["units"] not in ("", "1") else ""
                 console.print(escape(f"    {v['variable']:24s} {inner:27s} {unit}").rstrip())
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)
+
+
+def print_plots(document: dict[str, Any]) -> None:
+    """What can be drawn of an archive."""
+    console = _out()
+    for name, what in document["kinds"].items():
+        console.print(f"kind {name:8s} {what}", soft_wrap=True)
+    for axis, values in document["axes"].items():
+        shown = ", ".join(values[:8]) + (f", ... ({len(values)})" if len(values) > 8 else "")
+        console.print(escape(f"axis {axis}: {shown}"), soft_wrap=True)
+    wide = max((len(one["name"]) for one in document["variables"]), default=0)
+    for one in document["variables"]:
+        own = ", ".join([*one["axes"], *(f"[{dim}]" for dim in one["dims"])]) or "one value"
+        unit = f"  in {one['units']}" if one["units"] else ""
+        better = f"  {one['better']} is better" if one["better"] else ""
+        console.print(escape(f"{one['kind']:8s} {one['name']:{wide}s}  over {own}{unit}{better}"), soft_wrap=True)
