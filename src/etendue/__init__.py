@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from etendue.archive.vouched import open_archive
     from etendue.composing.pipeline import Pipeline, span
+    from etendue.plots.accessor import show
     from etendue.session import simulate
     from etendue.spec.pipeline import read_pipeline
 
-__all__ = ["Pipeline", "open_archive", "read_pipeline", "simulate", "span", "stages"]
+__all__ = ["Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
 
 _PLACES = {
     "Pipeline": "etendue.composing.pipeline",
+    "show": "etendue.plots.accessor",
     "span": "etendue.composing.pipeline",
     "simulate": "etendue.session",
     "read_pipeline": "etendue.spec.pipeline",
@@ -47,3 +49,6 @@ class _Package(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Package
+
+if "xarray" in sys.modules:  # else xarray asks for the accessors when it first opens something, or we do
+    from etendue.plots import accessor as accessor

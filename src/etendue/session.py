@@ -344,6 +344,8 @@ def simulate(
         raise PluginError(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: {first.message}"
         )
+    from etendue.plots import accessor  # noqa: F401  # tree.etendue.plot
+
     if archive is None:
         return outcome.tree
     import xarray

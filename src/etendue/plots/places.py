@@ -80,3 +80,23 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
     if faults:
         raise RequestError(faults)
     return found
+
+
+def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
+    """The same for the dims of one array of xarray."""
+    found: dict[str, Any] = {}
+    faults = []
+    for name, asked in at.items():
+        if name not in array.dims:
+            faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {array.name}{nearest(name, map(str, array.dims))}"))
+            continue
+        values = array[name].values.tolist() if name in array.coords else list(range(array.sizes[name]))
+        units = str(array[name].attrs.get("units", "1")) if name in array.coords else "1"
+        match = [value for value in values if is_value(value, str(asked), units)]
+        if match:
+            found[name] = match[0]
+        else:
+            faults.append(Fault(f"{name}={asked}", f"{name} is {', '.join(value_text(v, units, name) for v in values[:12])}"))
+    if faults:
+        raise RequestError(faults)
+    return found
