@@ -6,7 +6,6 @@ Out: a ``Plot``; lists of what there is.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -123,12 +122,8 @@ def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple
 def shown_at(holdings: Holdings) -> dict[str, Any]:
     """The axis values of the cell whose pictures and figures a run shows; {} where nothing says."""
     frames = holdings.table("frames")
-    text = str(frames.attrs.get("cell", "")) if frames is not None else ""
-    try:
-        found = ast.literal_eval(text) if text else {}
-    except (ValueError, SyntaxError):
-        return {}
-    return found if isinstance(found, dict) else {}
+    found = frames.attrs.get("cell", {}) if frames is not None else {}
+    return dict(found) if isinstance(found, Mapping) else {}
 
 
 def listed(holdings: Holdings) -> dict[str, Any]:

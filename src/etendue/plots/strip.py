@@ -20,11 +20,11 @@ from etendue.plots.holdings import Held, Holdings
 from etendue.plots.labels import places_text, value_text
 from etendue.plots.places import resolved
 from etendue.plots.plot import Plot, new_figure
+from etendue.report.details import part_of, side_of
 
 DPI = 100
 BOX, INSET, GAP, LABEL, HEAD = 260, 132, 12, 34, 40  # dots: sides of a picture and of its part, between, above a picture, above all
 COLUMNS = 6
-PART = 33  # samples of the coarsest picture along the side of the part
 
 
 @dataclass(frozen=True)
@@ -161,31 +161,16 @@ def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool]]) -> list[Ti
     if not drawn:
         return []
     coarse = min((picture for *_, picture in drawn), key=lambda picture: picture.shape[0] * picture.shape[1])
-    where = part_of(coarse)
+    side = side_of(coarse.shape[:2])
+    top, left = part_of(coarse / 255.0, side)
+    rows, columns = coarse.shape[:2]
+    where = (top / rows, left / columns, side / rows, side / columns)
     tiles = []
     for stage, variable, picture in drawn:
         rows, columns = picture.shape[:2]
         top, left, high, wide = (round(s * n) for s, n in zip(where, (rows, columns, rows, columns), strict=True))
         tiles.append(Tile(stage, variable, picture, (rows, columns), picture[top : top + high, left : left + wide], where))
     return tiles
-
-
-def part_of(picture: Any, samples: int = PART) -> tuple[float, float, float, float]:
-    """Where a picture has a strong edge between flat parts, on which blur and noise are seen: top, left, height, width as shares."""
-    import scipy
-
-    rows, columns = picture.shape[:2]
-    side = min(samples, rows, columns)
-    grey = picture.astype(float).mean(axis=-1)
-    mean = scipy.ndimage.uniform_filter(grey, side, mode="nearest")
-    spread = np.sqrt(np.maximum(scipy.ndimage.uniform_filter(grey**2, side, mode="nearest") - mean**2, 0))
-    steps = scipy.ndimage.uniform_filter(np.hypot(*np.gradient(grey)) if min(rows, columns) > 1 else grey * 0, side, mode="nearest")
-    cut = scipy.ndimage.uniform_filter(((grey >= 254) | (grey <= 1)).astype(float), side, mode="nearest")  # where no noise is seen
-    score = spread**2 / (steps + 0.02 * spread + 1e-9) * (1.02 - cut)
-    half = side // 2
-    inside = score[half : rows - (side - half) + 1, half : columns - (side - half) + 1]
-    top, left = np.unravel_index(int(np.argmax(inside)), inside.shape)
-    return float(top) / rows, float(left) / columns, side / rows, side / columns
 
 
 def _draw(tiles: list[Tile], title: str) -> Any:

@@ -5,6 +5,7 @@ Results go to stdout, progress and notes to stderr. rich does the drawing; NO_CO
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import time
@@ -19,6 +20,7 @@ from rich.table import Table
 
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
+from etendue.report.small_maps import small_maps
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
@@ -344,7 +346,20 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"archive        {outcome.archive}", soft_wrap=True)
     for picture in outcome.pictures:
         console.print(f"contact sheet  {picture}", soft_wrap=True)
+    if outcome.archive:
+        for text in next_commands(outcome):
+            console.print(text, soft_wrap=True)
     console.print(f"{human_seconds(outcome.seconds)} in all")
+
+
+def next_commands(outcome: Any) -> list[str]:
+    """What to type to look at the results: plots of what there is."""
+    place = shlex.quote(os.path.relpath(outcome.archive))
+    place = place if not place.startswith("..") else shlex.quote(str(outcome.archive))
+    chosen = small_maps(outcome.plan)
+    kinds = [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
+    kinds += ["strip", "budget"]
+    return [f"look at it     etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; what there is: --list)"]
 
 
 def print_archive(document: dict[str, Any]) -> None:
