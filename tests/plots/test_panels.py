@@ -43,13 +43,12 @@ def test_numbers_are_drawn_where_they_are_known(tmp_path):
     values = np.linspace(1, 300, 12).reshape(2, 2, 3)
     Plot(map_of_numbers(values, SIDES, "all", "lp/mm")).save(tmp_path / "all.png")
     Plot(map_of_numbers(np.full((2, 2, 3), np.nan), SIDES, "none", "lp/mm")).save(tmp_path / "none.png")
-    Plot(map_of_numbers(np.full((2, 2, 3), 5.0), SIDES, "same", "lp/mm")).save(tmp_path / "same.png")
+    assert map_of_numbers(np.full((2, 2, 3), 5.0), SIDES, "same", "lp/mm").axes
 
     def coloured(name):
         return sum(max(c) - min(c) > 40 for c in colours_in(tmp_path / name))
 
     assert coloured("all.png") > coloured("none.png")
-    assert (tmp_path / "same.png").exists()
 
 
 @pytest.mark.parametrize(

@@ -132,14 +132,15 @@ class Shelf:
         chosen = stage or stages[-1]
         return [Group(chosen, path, self._open(path)) for name, path in written if name == chosen]
 
-    def frames(self, variable: str, stage: str = "") -> list[Frame]:
-        """Every picture of a variable, in the order of the axes as stored."""
+    def frames(self, variable: str, stage: str = "", light: bool = False) -> list[Frame]:
+        """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture too."""
         found = []
         for group in self.groups(variable, stage):
             array = group.data[variable]
-            if array.dims[-2:] != ("y", "x") or not self._is_picture(group.path, variable):
-                raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture")
-            axes = [str(dim) for dim in array.dims if dim not in PLANE]
+            if array.dims[-2:] != ("y", "x") or not (light or self._is_picture(group.path, variable)):
+                way = "; as a plot: etendue plot" if array.dims[-2:] != ("y", "x") else "; --png shows it as an eye sees it"
+                raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
+            axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
             values = [_values(array, dim) for dim in axes]
             status = group.data["status"].to_numpy() if "status" in group.data else None
             depth = status.ndim if status is not None else 0

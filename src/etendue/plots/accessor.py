@@ -78,9 +78,8 @@ class ArrayAccessor:
 
     def show(self, **at: Any) -> Plot:
         """The array at some values of its dims, upright, with its true aspect and colours."""
-        array = self._array
-        array = array.sel(resolved_in(array, at)).squeeze([dim for dim in array.dims if array.sizes[dim] == 1 and dim not in ("y", "x")])
-        return show_array(array)
+        array = self._array.sel(resolved_in(self._array, at))
+        return show_array(array.squeeze([dim for dim in array.dims if array.sizes[dim] == 1 and dim not in ("y", "x")]))
 
 
 def register() -> None:

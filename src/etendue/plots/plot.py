@@ -60,7 +60,7 @@ class Plot:
         return path
 
     def data(self, kind: str) -> bytes:
-        """The bytes of a file: of one plot always the same."""
+        """The bytes of a file. The same plot drawn again gives the same bytes."""
         if kind == "csv":
             text = StringIO()
             writer = csv.writer(text, lineterminator="\n")

@@ -126,7 +126,7 @@ def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
 
 def _camera(plan: Plan) -> str:
     """What of the camera is not swept, behind the axis values of a title."""
-    swept, texts = {axis.key for axis in plan.axes}, []
+    swept, texts = {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, []  # or found by a stage
     for name, unit in (("f_number", ""), ("pixel_pitch", " um"), ("integration_time", " s")):
         value = plan.camera.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):

@@ -102,15 +102,17 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
     ys = [_text(v) for v in one.sides[1][1]] if len(one.sides) > 1 else [""]
     xs = [_text(v) for v in one.sides[0][1]]
     left = 10 + max(round(letters.getlength(text)) for text in ys)
-    wide = max(WIDE, 6 + max(round(letters.getlength(text)) for text in xs))
+    inside = [] if one.names else [_number(v) for v in np.ravel(values) if math.isfinite(v)]
+    wide = max(WIDE, 8 + max(round(letters.getlength(text)) for text in (*xs, *inside)))
     title = f"{one.variable}{f', {one.unit}' if one.unit not in ('', '1') else ''}{f' at {one.at}' if one.at else ''}"
     rows, columns = values.shape
     legend = 16 if one.names else 0
-    width = max(
-        left + wide * columns + 8,
-        round(letters.getlength(title)) + 12,
-        round(letters.getlength("   ".join(one.names))) + 20 * len(one.names),
-    )
+    texts = [
+        left + letters.getlength(_along(one)),
+        4 + letters.getlength(title),
+        26 * len(one.names) + letters.getlength("".join(one.names)),
+    ]
+    width = max(left + wide * columns, *(round(length) for length in texts)) + 8
     picture = Image.new("RGB", (width, 22 + HIGH * rows + 36 + legend), "white")
     pen = ImageDraw.Draw(picture)
     pen.text((4, 11), title, fill="black", font=letters, anchor="lm")
@@ -171,7 +173,7 @@ def _text(value: Any) -> str:
 
 
 def _number(value: float) -> str:
-    text = f"{value:.3g}"
+    text = f"{value:.2e}" if 0 < abs(value) < 1e-3 else f"{value:.3g}"
     return f"{value:.0f}" if "e+0" in text and abs(value) < 1e5 else text.replace("e-0", "e-").replace("e+0", "e")
 
 
