@@ -57,10 +57,10 @@ def plot(
         check_suffix(output)
     holdings = Holdings(opened(folder))
     if listing:
-        from etendue.report.terminal import print_plots
+        from etendue.report.looking import plots_text
 
         document = listed(holdings)
-        say(document) if as_json else show(print_plots, document)
+        say(document) if as_json else show(click.echo, "\n".join(plots_text(document)))
         return
     kind, figures = kind_of(holdings, words[0] if words else "", words[1:])
     made = draw(holdings, kind, Asked(figures, asked.x, asked.y, asked.lines, asked.panels, asked.better, asked.at))

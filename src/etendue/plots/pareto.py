@@ -200,7 +200,7 @@ def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, in
         figure.legend(
             handles=marks,
             loc="outside lower center",
-            ncols=min(8, len(marks)),
+            ncols=min(10, len(marks)),
             fontsize=7.5,
             frameon=False,
             columnspacing=1.0,

@@ -5,7 +5,6 @@ Results go to stdout, progress and notes to stderr. rich does the drawing; NO_CO
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import time
@@ -20,7 +19,7 @@ from rich.table import Table
 
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
-from etendue.report.small_maps import small_maps
+from etendue.report.looking import next_commands
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
@@ -352,16 +351,6 @@ def print_outcome(outcome: Any) -> None:
     console.print(f"{human_seconds(outcome.seconds)} in all")
 
 
-def next_commands(outcome: Any) -> list[str]:
-    """What to type to look at the results: plots of what there is."""
-    place = shlex.quote(os.path.relpath(outcome.archive))
-    place = place if not place.startswith("..") else shlex.quote(str(outcome.archive))
-    chosen = small_maps(outcome.plan)
-    kinds = [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
-    kinds += ["strip", "budget"]
-    return [f"look at it     etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; what there is: --list)"]
-
-
 def print_archive(document: dict[str, Any]) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
@@ -392,19 +381,3 @@ def print_archive(document: dict[str, Any]) -> None:
                 unit = f"[{v['units']}]" if v["units"] not in ("", "1") else ""
                 console.print(escape(f"    {v['variable']:24s} {inner:27s} {unit}").rstrip())
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)
-
-
-def print_plots(document: dict[str, Any]) -> None:
-    """What can be drawn of an archive."""
-    console = _out()
-    for name, what in document["kinds"].items():
-        console.print(f"kind {name:8s} {what}", soft_wrap=True)
-    for axis, values in document["axes"].items():
-        shown = ", ".join(values[:8]) + (f", ... ({len(values)})" if len(values) > 8 else "")
-        console.print(escape(f"axis {axis}: {shown}"), soft_wrap=True)
-    wide = max((len(one["name"]) for one in document["variables"]), default=0)
-    for one in document["variables"]:
-        own = ", ".join([*one["axes"], *(f"[{dim}]" for dim in one["dims"])]) or "one value"
-        unit = f"  in {one['units']}" if one["units"] else ""
-        better = f"  {one['better']} is better" if one["better"] else ""
-        console.print(escape(f"{one['kind']:8s} {one['name']:{wide}s}  over {own}{unit}{better}"), soft_wrap=True)
