@@ -81,7 +81,7 @@ def curves(
             _plain_ticks(axes, [v for v in _dim(dims, along).values])
         if held.variable.startswith(("mtf", "esfr")) and held.units == "1":
             axes.axhline(0, color="0.8", linewidth=0.7, zorder=0)
-    grid[0].set_ylabel(f"{held.title}{f', {unit}' if unit else ''}", fontsize=8.5)
+    grid[0].set_ylabel(wrapped(f"{held.title}{f', {unit}' if unit else ''}", 3.4), fontsize=8.5)
     words = f"{holdings.pipeline}: {held.title}" if holdings.pipeline else held.title
     figure.suptitle(wrapped(f"{words}, at {place.at}" if place.at else words, figure.get_figwidth()), fontsize=10)
     dashed = any(line.get_linestyle() == "--" for axes in grid for line in axes.lines)

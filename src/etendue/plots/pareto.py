@@ -209,7 +209,7 @@ def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, in
     for number, (one, word, name) in enumerate(zip(held, sense, "xy", strict=True)):
         unit = unit_text(one.units)
         own = values[:, number][np.isfinite(values[:, number])]
-        getattr(axes, f"set_{name}label")(f"{one.title}{f', {unit}' if unit else ''}\n{word} is better", fontsize=8.5)
+        getattr(axes, f"set_{name}label")(f"{wrapped(one.title + (f', {unit}' if unit else ''), 4.6)}\n{word} is better", fontsize=8.5)
         if own.min() > 0 and own.max() / own.min() > 30:
             getattr(axes, f"set_{name}scale")("log")
     axes.tick_params(labelsize=8)

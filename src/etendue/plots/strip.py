@@ -157,19 +157,22 @@ def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool]]) -> list[Ti
     for _, variable, array, failed in found:
         if pictures.how(array) == "linear" and not failed:
             scales[variable] = max(scales.get(variable, 0.0), pictures.brightness(pictures.linear(array), array))
-    drawn = [(stage, variable, pictures.drawn(array, scales.get(variable), failed)) for stage, variable, array, failed in found]
-    if not drawn:
-        return []
-    coarse = min((picture for *_, picture in drawn), key=lambda picture: picture.shape[0] * picture.shape[1])
+    drawn = [(stage, variable, pictures.drawn(array, scales.get(variable), failed), failed) for stage, variable, array, failed in found]
+    there = [picture for *_, picture, failed in drawn if not failed]
+    if not there:
+        return [Tile(stage, variable, picture, picture.shape[:2]) for stage, variable, picture, _ in drawn]
+    coarse = min(there, key=lambda picture: picture.shape[0] * picture.shape[1])
     side = side_of(coarse.shape[:2])
     top, left = part_of(coarse / 255.0, side)
     rows, columns = coarse.shape[:2]
     where = (top / rows, left / columns, side / rows, side / columns)
     tiles = []
-    for stage, variable, picture in drawn:
+    for stage, variable, picture, failed in drawn:
         rows, columns = picture.shape[:2]
         top, left, high, wide = (round(s * n) for s, n in zip(where, (rows, columns, rows, columns), strict=True))
-        tiles.append(Tile(stage, variable, picture, (rows, columns), picture[top : top + high, left : left + wide], where))
+        tiles.append(
+            Tile(stage, variable, picture, (rows, columns), None if failed else picture[top : top + high, left : left + wide], where)
+        )
     return tiles
 
 
