@@ -251,3 +251,21 @@ def test_a_sweep_that_grows_has_its_new_cells_on_the_sheet(tmp_path):
     rows = min(before.shape[0], after.shape[0]) - 120
     if after.shape[1] == before.shape[1]:
         np.testing.assert_array_equal(after[40:rows], before[40:rows])  # the pictures are the same
+
+
+@pytest.mark.parametrize("how", ["mosaic", "planes", "encoded"])
+def test_rows_kept_of_a_large_picture_are_the_same_when_it_comes_row_by_row(how):
+    """And those of the array itself, in its colours."""
+    from etendue.report import thumbnails
+    from etendue.spec.variables import variable
+
+    tints = np.eye(3, dtype=np.float32)[np.array([[0, 1], [1, 2]])] if how == "mosaic" else None
+    view = thumbnails._View(how, variable("raw"), tints=tints, rows=(131, 164))
+    array = np.random.default_rng(2).random((300, 280) if how == "mosaic" else (3, 300, 280)).astype(np.float32)
+    gathered = view.gathering(array.shape)
+    for start in range(0, 300, 37):
+        gathered.take(start, array[..., start : start + 37, :])
+    whole, rowed = view.of(array), gathered.made()
+    np.testing.assert_array_equal(whole.band, rowed.band)
+    assert whole.first == rowed.first == 131 and whole.band.shape == (3, 33, 280)
+    np.testing.assert_array_equal(whole.band.sum(axis=0) if how == "mosaic" else whole.band, array[..., 131:164, :])

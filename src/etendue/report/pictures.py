@@ -33,7 +33,8 @@ class Frame:
     variable: str
     picture: Any
     size: tuple[int, int]
-    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one
+    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one before it is scaled and encoded
+    bright: float = 0.0  # what of such a band is shown as white; 0: its values are encoded
     first: int = 0  # row of the whole in which it begins
     part: Any = None  # (3, y, x) of it, the same place of the scene in all
     place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # of the part: top, left, height, width as shares of the whole
@@ -64,14 +65,14 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
                     bright = max(float(np.quantile(peaks, 0.995)), 1e-3 * float(peaks.max())) / 0.9
                 scales[kind] = bright if bright > 0 else 1.0
             picture = srgb_encode(np.clip(picture / scales[kind], 0, 1))
-            exact = None if exact is None else srgb_encode(np.clip(exact / scales[kind], 0, 1))
         picture = np.clip(picture, 0, 1)
         if max(one.size) <= LARGEST:
             exact = picture
-        if how.shown == "map" or exact is None:
-            frames.append(Frame(stage, variable, picture, one.size))
-        else:
-            frames.append(Frame(stage, variable, picture, one.size, np.clip(exact, 0, 1), one.first))
+        frame = Frame(stage, variable, picture, one.size)
+        if how.shown != "map" and exact is not None:
+            frame.exact, frame.first = exact, one.first
+            frame.bright = scales[kind] if how.shown == "linear" and exact is not picture else 0.0
+        frames.append(frame)
     _with_parts(frames, {name: plan.cells[ref] for name, ref in shown.items()})
     return frames
 
@@ -88,8 +89,7 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell]) -> None:
     band = band_of([cells[f.stage].grids[f.variable] for f in frames])
     whole = all(max(f.size) <= LARGEST for f in seen)
     first, last = (0, coarse.size[0]) if whole or band is None else band.rows(y)
-    looked = coarse.exact[:, first - coarse.first : last - coarse.first]
-    top, left = part_of(looked, side)
+    top, left = part_of(_encoded(coarse, coarse.exact[:, first - coarse.first : last - coarse.first]), side)
     (y0, dy), (x0, dx) = y.um(), x.um()
     row, column = top + first, left
     window = Window(
@@ -101,7 +101,7 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell]) -> None:
         part = f.exact[:, max(0, rows[0] - f.first) : rows[1] - f.first, columns[0] : columns[1]]
         if not part.size:
             continue
-        f.part = limited(part)
+        f.part = limited(_encoded(f, part))
         f.place = (rows[0] / f.size[0], columns[0] / f.size[1], (rows[1] - rows[0]) / f.size[0], (columns[1] - columns[0]) / f.size[1])
 
 
@@ -132,6 +132,11 @@ def _camera(plan: Plan) -> str:
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):
             texts.append(f"{name} {value:.4g}{unit}")
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
+
+
+def _encoded(frame: Frame, part: Any) -> Any:
+    """Some of the exact picture as it is shown, 0 to 1."""
+    return np.clip(srgb_encode(np.clip(part / frame.bright, 0, 1)) if frame.bright else part, 0, 1)
 
 
 def _parts(frames: list[Frame]) -> dict[str, Any]:
