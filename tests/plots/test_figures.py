@@ -145,7 +145,8 @@ def test_a_curve_over_its_own_dim_may_stand_over_what_lies_beside_it_with_nyquis
         {"mtf": mtf, "status": ("pixel_pitch", np.zeros(2, "u1"))},
         {"pixel_pitch": ("pixel_pitch", pitch, {"units": "um"}), "stage": ["lens", "pixel"],
          "frequency": ("frequency", f, {"units": "cycles/pixel"}),
-         "frequency_lp_mm": (("pixel_pitch", "frequency"), f / pitch[:, None] * 1e3, {"units": "cycles/mm"})},
+         "frequency_lp_mm": (("pixel_pitch", "frequency"), f / pitch[:, None] * 1e3, {"units": "cycles/mm"}),
+         "nyquist_lp_mm": ("pixel_pitch", 500 / pitch, {"units": "cycles/mm"})},
     )  # fmt: skip
     holdings = Holdings(data)
     plain = curves(holdings, "mtf")
@@ -153,7 +154,9 @@ def test_a_curve_over_its_own_dim_may_stand_over_what_lies_beside_it_with_nyquis
     assert any(line.get_linestyle() == "--" and line.get_xdata()[0] == 0.5 for line in plain.figure.axes[0].lines)
     other = curves(holdings, "mtf", x="frequency_lp_mm", at={"pixel_pitch": 4})
     np.testing.assert_allclose(other.figure.axes[0].lines[0].get_xdata(), f / 4 * 1e3)
-    np.testing.assert_allclose(other.figure.axes[0].lines[1].get_ydata(), 1 - f)
+    solid, dashed = ([line for line in other.figure.axes[0].lines if line.get_linestyle() == style] for style in ("-", "--"))
+    np.testing.assert_allclose(solid[1].get_ydata(), 1 - f)
+    assert [line.get_xdata()[0] for line in dashed] == [125.0]
 
 
 def test_a_budget_is_the_ledger_by_stage(tree, holdings):

@@ -23,7 +23,7 @@ from etendue.plots.plot import Plot, new_figure
 
 PREFERRED = ("mtf", "esfr")
 MOST_LINES, MOST_PANELS = 12, 9
-NYQUIST = ("nyquist_frequency", "nyquist")
+NYQUIST = ("nyquist_frequency", "nyquist", "nyquist_lp_mm")
 PER_PIXEL = ("pixel-1", "cycles/pixel")
 
 
