@@ -52,11 +52,10 @@ def curves(
     figure, grid = _figure(place.panels)
     columns = [*place.fixed, *(dim.name for dim in place.panels), *([hue.name] if hue else []), beside or along, held.variable]
     rows: list[list[Any]] = []
-    seen: set[float] = set()
     units, title, log = "", "", False
     for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
         own = {**place.fixed, **dict(zip((dim.name for dim in place.panels), where, strict=True))}
-        colours = _colours(hue)
+        colours, seen = _colours(hue), set()
         for colour, value in zip(colours, hue.values if hue else [None], strict=True):
             full = {**own, **({hue.name: value} if hue else {})}
             values = held.values(full)
@@ -69,6 +68,7 @@ def curves(
             log = log or (along in held.axes and _dim(dims, along).spread)
             nyquist = _nyquist(holdings, held, full, units)
             if nyquist is not None and nyquist not in seen:
+                seen.add(nyquist)
                 axes.axvline(nyquist, color="0.6", linestyle="--", linewidth=0.9, zorder=0)
         axes.set_title(", ".join(dim.text(v) for dim, v in zip(place.panels, where, strict=True)), fontsize=9)
         axes.grid(color="0.93")
