@@ -167,6 +167,7 @@ def test_a_budget_is_the_ledger_by_stage(tree, holdings):
     assert sum(row[5] for row in rows) == pytest.approx(float(ledger.seconds.sum()))
 
 
+@pytest.mark.long
 def test_every_kind_is_drawn_without_a_word_and_saved_the_same_twice(holdings, tmp_path):
     for kind in KINDS:
         at = {"f_number": 2, "pixel_pitch": 3, "integration_time": 0.008} if kind == "show" else {}
