@@ -30,7 +30,9 @@ class _Package(ModuleType):
         if name in _PLACES:
             from importlib import import_module
 
-            return getattr(import_module(_PLACES[name]), name)
+            found = getattr(import_module(_PLACES[name]), name)
+            _with_plots()
+            return found
         raise AttributeError(f"module 'etendue' has no attribute {name!r}")
 
     def __dir__(self) -> list[str]:
@@ -50,5 +52,11 @@ class _Package(ModuleType):
 
 sys.modules[__name__].__class__ = _Package
 
-if "xarray" in sys.modules:  # else xarray asks for the accessors when it first opens something, or we do
-    from etendue.plots import accessor as accessor
+
+def _with_plots() -> None:
+    """``tree.etendue``, where xarray is there; else xarray asks for it when it first opens something."""
+    if "xarray" in sys.modules:
+        from etendue.plots import accessor  # noqa: F401
+
+
+_with_plots()

@@ -8,7 +8,20 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli import beginnings, catalogue, compacting, comparisons, exports, imports, information, measuring, plots, runs, stability, trust
+from etendue.cli import (
+    beginnings,
+    catalogue,
+    compacting,
+    comparisons,
+    exports,
+    imports,
+    information,
+    measuring,
+    plots,
+    runs,
+    stability,
+    trust,
+)
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}

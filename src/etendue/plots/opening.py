@@ -1,7 +1,7 @@
 """The folder of an archive as a tree, held against what vouches for it.
 
-In:  a folder.
-Out: an ``xarray.DataTree``, lazy.
+In:  a folder: of a run that has ended, was broken off, or goes on.
+Out: an ``xarray.DataTree``, lazy; what is lost is an error when it is read, and no fill value.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 import xarray
 
 from etendue.archive.describe import describe_archive
-from etendue.errors import ArchiveInUse
+from etendue.archive.vouched import open_archive
 
 
 def opened(folder: Path) -> xarray.DataTree:
@@ -20,10 +20,7 @@ def opened(folder: Path) -> xarray.DataTree:
     Raises
     ------
     ArchiveError
-        It is none, or it is damaged.
-    ArchiveInUse
-        A run is writing to it.
+        It is none, nothing of it can be read yet, or it is damaged: what is, and what to do.
     """
-    if describe_archive(folder)["running"]:
-        raise ArchiveInUse(f"{folder}: a run is writing to it; draw when it has ended (how far it is: etendue show {folder})")
-    return xarray.open_datatree(folder / "data.zarr", engine="zarr")
+    describe_archive(folder)
+    return open_archive(folder)
