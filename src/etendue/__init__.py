@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from etendue.archive.vouched import open_archive
     from etendue.composing.pipeline import Pipeline, span
+    from etendue.plots.accessor import show
     from etendue.session import simulate
     from etendue.spec.pipeline import read_pipeline
 
-__all__ = ["Pipeline", "open_archive", "read_pipeline", "simulate", "span", "stages"]
+__all__ = ["Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
 
 _PLACES = {
     "Pipeline": "etendue.composing.pipeline",
+    "show": "etendue.plots.accessor",
     "span": "etendue.composing.pipeline",
     "simulate": "etendue.session",
     "read_pipeline": "etendue.spec.pipeline",
@@ -28,7 +30,9 @@ class _Package(ModuleType):
         if name in _PLACES:
             from importlib import import_module
 
-            return getattr(import_module(_PLACES[name]), name)
+            found = getattr(import_module(_PLACES[name]), name)
+            _with_plots()
+            return found
         raise AttributeError(f"module 'etendue' has no attribute {name!r}")
 
     def __dir__(self) -> list[str]:
@@ -47,3 +51,12 @@ class _Package(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Package
+
+
+def _with_plots() -> None:
+    """``tree.etendue``, where xarray is there; else xarray asks for it when it first opens something."""
+    if "xarray" in sys.modules:
+        from etendue.plots import accessor  # noqa: F401
+
+
+_with_plots()

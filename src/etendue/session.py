@@ -134,7 +134,7 @@ def execute(
 
 
 def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) -> Outcome:
-    from etendue.report import pictures, tables, thumbnails
+    from etendue.report import pictures, small_maps, tables, thumbnails
 
     began, at = time.perf_counter(), where_shown(plan)
     with keeping as keeper:
@@ -187,7 +187,9 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         sheet = None
         if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
             small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
-            sheet = pictures.sheet(work.plan, shown, small, at)
+            sheet = pictures.sheet(work.plan, shown, small, at, lambda: _maps(work, keeper, reports, earlier))
+        elif keeper.folder and any(ref in reports for one in small_maps.small_maps(work.plan) for ref in one.cells):
+            sheet = pictures.same_pictures(keeper.folder, lambda: _maps(work, keeper, reports, earlier))
         arrays.update(keeper.stored(there, figures_only=True))
         tree, files = keeper.close(tabled(), sheet, any(r.status == "failed" for r in reports.values()))
     asked = set(work.cells.values())
@@ -199,6 +201,19 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
         work.mended, work.moved, restored,
     )  # fmt: skip
+
+
+def _maps(work: Any, keeper: Keeper, reports: Mapping[CellRef, CellReport], earlier: Mapping[CellRef, CellReport]) -> list[Any]:
+    """Maps of figures over the sweep, as they stand on the contact sheet."""
+    from etendue.report import small_maps
+
+    chosen = small_maps.small_maps(work.plan) if keeper.folder else []
+    refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
+    states = {ref: found.status for ref in refs if (found := reports.get(ref) or earlier.get(ref)) is not None}
+    figures = keeper.stored(
+        [ref for ref, state in states.items() if state in ("done", "left_out")], True, frozenset(one.variable for one in chosen)
+    )
+    return small_maps.all_drawn(chosen, figures, [ref for ref, state in states.items() if state in ("failed", "skipped")])
 
 
 def collect(
@@ -344,6 +359,8 @@ def simulate(
         raise PluginError(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: {first.message}"
         )
+    from etendue.plots import accessor  # noqa: F401  # tree.etendue.plot
+
     if archive is None:
         return outcome.tree
     import xarray

@@ -112,7 +112,9 @@ class ComparingKeeper:
     def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
         return {}
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
         return {}
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:

@@ -132,13 +132,18 @@ class ArchiveKeeper:
                 )
         return found
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
-        """Arrays of finished cells; all that are kept, or plain figures only."""
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
+        """Arrays of finished cells; all that are kept, or plain figures only, or of these those that are named."""
         found, plan = {}, self.store.plan
         for ref in refs:
             target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
+            entry = self.store.journal.entries.get(self.store.names[ref])
+            for chunk in entry.files if entry else ():  # of a cell of this run
+                target.places.setdefault((chunk.path, chunk.slot), (chunk, None))
             chosen = [v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})]
-            found[ref] = {v: target.read(v) for v in chosen}
+            found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
         return found
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
@@ -158,11 +163,12 @@ class ArchiveKeeper:
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         store = self.store
         place = store.folder / "contact_sheet.png"
-        if sheet:
+        if sheet and sheet.table:
             tables = {
                 **tables,
                 "frames": {**sheet.table, "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}},
             }
+        if sheet:
             drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
             drawn.unlink(missing_ok=True)
             sheet.draw(drawn)

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.archive.drawing import drawing_attributes
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.spec import camera
@@ -141,6 +142,7 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         grid = cells[0].grids[name]
         dims = declaration.dims
         attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
+        attrs |= drawing_attributes(plan, node, cells, name)
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)

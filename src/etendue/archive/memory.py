@@ -63,7 +63,9 @@ class MemoryKeeper:
     def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
         return {}
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
         return {}
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
@@ -72,7 +74,7 @@ class MemoryKeeper:
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
-        return self._tree({**tables, "frames": sheet.table} if sheet else tables), []
+        return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
         """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they came)."""

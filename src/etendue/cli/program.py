@@ -18,6 +18,7 @@ from etendue.cli import (
     information,
     measuring,
     pages,
+    plots,
     runs,
     stability,
     trust,
@@ -104,6 +105,7 @@ def main() -> None:
     etendue diff smallest other             which cells of two archives differ, by how much, since what
     etendue report smallest                 one HTML page to read and send on
     etendue view smallest                   every pixel of every stage, live, in a browser
+    etendue plot smallest                   maps, curves, fronts, pictures of it; --list says which
     etendue export smallest --dng           raw files that other converters open
     etendue compact OLD NEW                 an archive written anew, its axes sorted
     etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
@@ -127,7 +129,7 @@ for _command in (
     *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
     *(information.information, information.losses),
-    *(stability.stability, pages.report, pages.view, exports.export, compacting.compact),
+    *(stability.stability, pages.report, pages.view, exports.export, plots.plot, compacting.compact),
     *(beginnings.new, beginnings.new_plugin, imports.take),
     *(trust.verify, trust.reproduce, trust.diff),
 ):

@@ -19,6 +19,7 @@ from rich.table import Table
 
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
+from etendue.report.looking import next_commands
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
@@ -336,6 +337,9 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"archive        {outcome.archive}", soft_wrap=True)
     for picture in outcome.pictures:
         console.print(f"contact sheet  {picture}", soft_wrap=True)
+    if outcome.archive:
+        for text in next_commands(outcome):
+            console.print(text, soft_wrap=True)
     console.print(f"{human_seconds(outcome.seconds)} in all")
 
 

@@ -18,6 +18,7 @@ DTYPES = ("float", "uint8", "uint16", "uint32")
 
 SHOWN = ("", "linear", "encoded", "map")
 COUNTED = ("", "floored", "overexposed")
+BETTER = ("", "higher", "lower")
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class Variable:
     ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``: it is a place
     in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added up. ``beside``: it
     is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0, the end of a run says that
-    something was lifted to a floor, or lies above saturation.
+    something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is always so; ''
+    where it depends.
     """
 
     long_name: str = ""
@@ -49,12 +51,15 @@ class Variable:
     flags: Mapping[str, int] = field(default_factory=dict)
     masks: Mapping[str, int] = field(default_factory=dict)
     beside: str = ""
+    better: str = ""
 
     def __post_init__(self) -> None:
         if self.counted not in COUNTED:
             raise ValueError(f"counted is {self.counted!r}; allowed are {', '.join(map(repr, COUNTED))}")
         if self.shown not in SHOWN:
             raise ValueError(f"shown is {self.shown!r}; allowed are {', '.join(map(repr, SHOWN))}")
+        if self.better not in BETTER:
+            raise ValueError(f"better is {self.better!r}; allowed are {', '.join(map(repr, BETTER))}")
         if self.full is not None and not self.full > 0:
             raise ValueError(f"full is {self.full!r}; allowed are numbers above 0")
         for word, named in (("flags", self.flags), ("masks", self.masks)):
