@@ -13,6 +13,7 @@ import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,8 @@ from etendue.spec.ports import Written
 
 TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
 AT_ONCE = 16  # requests under way
-Known = tuple[str, int, int]  # the tag of an object, and size and last change (ns) of the file that equals it
+State = tuple[int, int, int]  # size, last change (ns) and number of a file: a file that is put in its place anew has another
+Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file that equals it
 
 
 @dataclass
@@ -59,37 +61,37 @@ class Here:
         known = disk.read_document(self.place / STORE) or {}
         if known.get("url") == self.url:
             self.run = str(known.get("run", ""))
-            self.there = {path: (str(tag), int(size), int(change)) for path, (tag, size, change) in dict(known.get("there", {})).items()}
+            self.there = {path: (str(one[0]), int(one[1]), int(one[2]), int(one[3])) for path, one in dict(known.get("there", {})).items()}
 
     def save(self) -> None:
         disk.write(self.place, STORE, json.dumps({"url": self.url, "run": self.run, "there": self.there}).encode())
 
-    def state(self, path: str) -> tuple[int, int] | None:
-        """Size and last change of a file."""
+    def state(self, path: str) -> State | None:
+        """The state of a file; None where there is none."""
         try:
             found = os.lstat(self.folder / path)
         except OSError:
             return None
-        return found.st_size, found.st_mtime_ns
+        return found.st_size, found.st_mtime_ns, found.st_ino
 
     def equal(self, path: str, tag: str) -> None:
         """Say that a file is as the object is."""
         if state := self.state(path):
             self.there[path] = (tag, *state)
 
-    def files(self) -> dict[str, tuple[int, int]]:
-        """Size and last change of every file of the archive, shards in the making aside."""
+    def files(self, every: bool = False) -> dict[str, State]:
+        """The state of every file of the archive; unless ``every``, without shards in the making."""
         found = {}
         for top, _, names in os.walk(self.folder):
             for name in names:
                 path = os.path.relpath(os.path.join(top, name), self.folder)
-                if path != "lock" and not name.endswith((disk.PART, disk.PARTIAL)) and (state := self.state(path)):
+                if (every or not name.endswith((disk.PART, disk.PARTIAL))) and (state := self.state(path)):
                     found[path] = state
         return found
 
     def changed(self) -> list[str]:
         """Files that are not as on the store."""
-        return [path for path, state in self.files().items() if self.there.get(path, ("", 0, 0))[1:] != state]
+        return [path for path, state in self.files().items() if self.there.get(path, ("", 0, 0, 0))[1:] != state]
 
     def gone(self) -> list[str]:
         """Objects whose files have been removed."""
@@ -102,7 +104,7 @@ def is_shard(path: str) -> bool:
 
 def is_ours(path: str) -> bool:
     """Whether an object has the name of a file of an archive."""
-    return (path in disk.FILES and path != "lock") or path.partition("/")[0] in disk.FOLDERS
+    return path in disk.FILES or path.partition("/")[0] in disk.FOLDERS
 
 
 def fetch(objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], exact: bool, inputs: bool = True) -> None:
@@ -112,15 +114,18 @@ def fetch(objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], 
     """
     ours = bool(here.run) and here.run == seen.run
     wanted = {path: one for path, one in found.items() if is_ours(path) and (inputs or not path.startswith("inputs/"))}
-    (here.folder / DATA).mkdir(parents=True, exist_ok=True)
     if not ours:
         here.run = ""
-    for path, state in here.files().items():
+    for path, state in (here.files() if ours else here.files(every=True)).items():
         if path not in wanted and (not ours or state[1] == disk.ELSEWHERE):
             disk.remove(here.folder, path)
             here.there.pop(path, None)
-    vouched = _vouched(objects) if TABLE in found else {}
+    for top, _, _ in os.walk(here.folder, topdown=False):
+        with suppress(OSError):  # only where it is empty
+            os.rmdir(top)
+    (here.folder / DATA).mkdir(parents=True, exist_ok=True)
     todo = [path for path, one in wanted.items() if _lacks(here, path, one, ours)]
+    vouched = _vouched(objects) if TABLE in found and todo else {}
     if JOURNAL in todo:
         todo.remove(JOURNAL)
         data, one = objects.get(JOURNAL)
@@ -206,7 +211,7 @@ class _Indexes:
 
 def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
     """The lines of a journal of which the bytes are on the store too: cells of a run that was broken off may lie in its own folder only."""
-    lines = [line for line in data.split(b"\n")[:-1]]
+    lines = data.split(b"\n")[:-1]
     decoded = [_document(line) for line in lines]
     last: dict[str, Shard] = {}
     for one in decoded:

@@ -10,6 +10,7 @@ content, so that its tag says whether anybody has written since.
 from __future__ import annotations
 
 import json
+import threading
 import time
 import uuid
 from dataclasses import dataclass
@@ -63,7 +64,8 @@ class Lease:
     def __init__(self, objects: Objects, seen: Seen) -> None:
         self.objects, self.run, self.number, self.guarded = objects, uuid.uuid4().hex, 0, True
         self.tag = seen.found.tag if seen.found else ""
-        self.renewed = time.monotonic()
+        self.renewed = time.time()  # of the clock that goes on while a machine sleeps
+        self.lock = threading.Lock()
 
     def take(self) -> None:
         """Become the owner, if nobody has since ``seen``.
@@ -86,11 +88,25 @@ class Lease:
         ArchiveInUse
             Another run is the owner now.
         """
-        if time.monotonic() - self.renewed > LEASE / 4:
+        if time.time() - self.renewed > LEASE / 4:
             try:
-                self.say(RUNNING)
+                with self.lock:
+                    self.say(RUNNING)
             except StoreLost:
                 pass
+
+    def check(self) -> None:
+        """In front of a put: the right to it may have ended while the machine slept, or the network was gone.
+
+        Raises
+        ------
+        ArchiveInUse
+            Another run is the owner now.
+        """
+        if time.time() - self.renewed > LEASE / 2:
+            with self.lock:
+                if time.time() - self.renewed > LEASE / 2:
+                    self.say(RUNNING)
 
     def say(self, state: str) -> None:
         """Put what is the case.
@@ -108,7 +124,7 @@ class Lease:
             if look(self.objects).run != self.run:  # else the answer to an earlier put of our own was lost on its way
                 raise ArchiveInUse(f"{self.objects.url} belongs to another run now; this one stops") from None
             self.tag = self.objects.put(OWNER, data)
-        self.renewed = time.monotonic()
+        self.renewed = time.time()
 
     def _put(self, data: bytes) -> str:
         if self.guarded:

@@ -26,7 +26,7 @@ from etendue.archive import disk, standins
 from etendue.archive.behind import stand
 from etendue.archive.fetching import TABLE, Here, at_once, fetch, is_shard
 from etendue.archive.journal import NAME as JOURNAL
-from etendue.archive.lease import CLOSED, LEFT, OWNER, Lease, in_use, look
+from etendue.archive.lease import CLOSED, LEFT, OWNER, RUNNING, Lease, in_use, look
 from etendue.archive.manifest import DATA
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.objects import Objects, endpoint_of, plain_url
@@ -110,7 +110,7 @@ class Mirror:
             raise ArchiveError(f"{self.objects.url} holds objects and is no archive; name another with --archive URL")
         self.new = ROOT not in found
         self.unfinished = self.seen.state != CLOSED
-        if self.unfinished and self.here.run and self.here.run != self.seen.run and (self.here.changed() or self.here.gone()):
+        if self.here.run not in ("", self.seen.run) and (self.here.changed() or self.here.gone()):
             self.notes.append("what an earlier run has left here was given up: another one has written to the archive since")
         self.manifest_there = MANIFEST in found
         fetch(self.objects, self.here, self.seen, found, self.exact)
@@ -220,13 +220,15 @@ class Mirror:
 
     def _say_journal(self, size: int) -> None:
         """Put the journal up to where all that it names is there, and the table of objects."""
+        if self.lease:
+            self.lease.check()
         with (self.folder / JOURNAL).open("rb") as file:
             self.objects.put(JOURNAL, file.read(size))
         self._say_objects()
 
     def _say_objects(self) -> None:
         with self.lock:
-            known = {path: tag for path, (tag, _, _) in sorted(self.here.there.items()) if tag}
+            known = {path: tag for path, (tag, *_) in sorted(self.here.there.items()) if tag}
         self.objects.put(TABLE, json.dumps({"objects": known}).encode())
 
     def _stand_in(self) -> None:
@@ -235,7 +237,7 @@ class Mirror:
             large, self.said = [path for path in self.said if self.here.there[path][1] > STOOD_FOR], []
         forms = StoredArchive(self.folder).slots_of(large) if large else {}
         for path in large:
-            tag, *state = self.here.there[path]
+            tag, *state = self.here.there[path]  # of the file as it went up
             if forms.get(path) and self.here.state(path) == tuple(state) and state[1] != disk.ELSEWHERE:
                 standins.stand_for(self.folder, path, index_size(forms[path]))
                 with self.lock:
@@ -247,6 +249,8 @@ class Mirror:
         state = self.here.state(path)
         if state is None or state[1] == disk.ELSEWHERE:
             return
+        if self.lease:
+            self.lease.check()
         tag = self.objects.put(path, self.folder / path)
         with self.lock:
             self.here.there[path] = (tag, *state)
@@ -266,10 +270,12 @@ class Mirror:
         if not (changed or gone or self.unfinished or self.lease):
             return
         self.own()
+        assert self.lease is not None
         wait(list(self.going.values()))
         self._stop()
         if isinstance(self.error, ArchiveInUse):
             raise self.error
+        self.lease.say(RUNNING)
         changed = self.here.changed()
         for level in range(7):
             own = [path for path in changed if _order(path) == level]
@@ -277,7 +283,6 @@ class Mirror:
                 self._remove_gone()
             self._put(own, UPLOADS if level == 0 else 16)
         self._say_objects()
-        assert self.lease is not None
         self.lease.say(CLOSED)
         self.here.save()
         self.said = [path for path in self.here.there if is_shard(path)]

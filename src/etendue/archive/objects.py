@@ -22,6 +22,7 @@ from etendue.errors import ArchiveError, RequestError, StoreLost, shortened
 
 SCHEMES = ("s3", "file", "memory")
 EXTRA = "pip install 'etendue[objects]'"
+DATA = "data.zarr"
 LARGE = 16 << 20  # bytes beyond which an object goes up in pieces, which the store puts together
 KEYS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (AWS_SKIP_SIGNATURE=true: none, for a public bucket)"
 ROLES = ("AWS_ACCESS_KEY_ID", "AWS_WEB_IDENTITY_TOKEN_FILE", "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI", "AWS_CONTAINER_CREDENTIALS_FULL_URI")
@@ -204,7 +205,7 @@ def _store(url: str) -> Any:
         import obstore
 
         once: Any = {"max_retries": 0, "retry_timeout": timedelta(seconds=2)}
-        probe = S3Store.from_url(url, config=config, client_options={**client, "timeout": "2s", "connect_timeout": "2s"}, retry_config=once)
+        probe = S3Store.from_url(url, config=config, client_options=client | {"timeout": "2s", "connect_timeout": "2s"}, retry_config=once)
         next(iter(obstore.list(probe, chunk_size=1)), None)
     patient: Any = {"max_retries": 8, "retry_timeout": timedelta(seconds=60)}
     return S3Store.from_url(url, config=config, client_options=client, retry_config=patient)
@@ -217,7 +218,7 @@ def endpoint_of(url: str) -> str:
 
 
 def zarr_store(url: str) -> Any:
-    """The store of an archive for zarr and xarray, read only.
+    """The store of an archive for zarr and xarray, read only; of one in memory, as it is now.
 
     Raises
     ------
@@ -228,7 +229,12 @@ def zarr_store(url: str) -> Any:
 
     whole = Objects(url)
     try:
-        whole.get("data.zarr/zarr.json")
+        whole.get(f"{DATA}/zarr.json")
     except FileNotFoundError:
-        raise ArchiveError(f"{whole.url} holds no archive that can be opened (no data.zarr/zarr.json below it)") from None
-    return ObjectStore(Objects(f"{whole.url}/data.zarr").store, read_only=True)
+        raise ArchiveError(f"{whole.url} holds no archive that can be opened (no {DATA}/zarr.json below it)") from None
+    inner = Objects(f"{whole.url}/{DATA}")
+    if inner.url.startswith("memory:"):
+        for path in whole.list():
+            if path.startswith(f"{DATA}/"):
+                inner.api.put(inner.store, path.removeprefix(f"{DATA}/"), whole.get(path)[0])
+    return ObjectStore(inner.store, read_only=True)

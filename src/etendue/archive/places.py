@@ -145,8 +145,8 @@ def _said(url: str, folder: Path) -> Iterator[None]:
     try:
         yield
     except RequestError as error:
-        error.file = named(error.file, folder, url)
-        raise
+        faults = [dataclasses.replace(f, place=named(f.place, folder, url), message=named(f.message, folder, url)) for f in error.faults]
+        raise RequestError(faults, named(error.file, folder, url)) from None
     except EtendueError as error:
         error.args = tuple(named(one, folder, url) for one in error.args)
         raise
