@@ -9,9 +9,12 @@ index is fetched; one that is another than was put is fetched whole, and judged 
 
 from __future__ import annotations
 
+import io
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+import zipfile
+import zlib
+from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -33,6 +36,8 @@ from etendue.archive.standins import STORE
 from etendue.spec.ports import Written
 
 TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
+PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all
+SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes of what is in it
 AT_ONCE = 16  # requests under way
 State = tuple[int, int, int]  # size, last change (ns) and number of a file: a file that is put in its place anew has another
 Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file that equals it
@@ -134,11 +139,14 @@ def fetch(objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], 
         disk.write(here.folder, JOURNAL, data)
         here.equal(JOURNAL, one.tag if seen.state == CLOSED else "")
     archive = StoredArchive(here.folder)
-    indexes = _Indexes(archive)
+    indexes, pack = _Indexes(archive), _pack(objects, found, vouched, todo) if not exact else {}
     trusted = seen.state == CLOSED and not exact
 
     def bring(path: str) -> tuple[str, str]:
         one, tag = wanted[path], vouched.get(path)
+        if path in pack and tag == one.tag:
+            disk.write(here.folder, path, pack[path])
+            return path, tag
         slots = indexes.slots(path) if is_shard(path) and tag in (None, one.tag) else 0
         if not slots or one.size <= index_size(slots):
             disk.write(here.folder, path, objects.pieces(path))
@@ -186,6 +194,28 @@ def _vouched(objects: Objects) -> dict[str, str]:
         known = json.loads(objects.get(TABLE)[0])["objects"]
         return {str(path): str(tag) for path, tag in known.items()}
     except (FileNotFoundError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
+
+
+def packed(here: Here) -> bytes:
+    """The small documents of an archive in one, the same for the same documents."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as file:
+        for path, state in sorted(here.files().items()):
+            most = SMALL_SHARD if is_shard(path) else 0 if path.startswith("inputs/") else SMALL
+            if state[1] != disk.ELSEWHERE and state[0] <= most:
+                file.writestr(zipfile.ZipInfo(path), (here.folder / path).read_bytes(), zipfile.ZIP_DEFLATED)
+    return data.getvalue()
+
+
+def _pack(objects: Objects, found: Mapping[str, Found], vouched: Mapping[str, str], todo: Collection[str]) -> dict[str, bytes]:
+    """The documents that a run has packed, while the table has the tag of the pack: a run that has begun since has taken it out."""
+    if PACK not in found or vouched.get(PACK) != found[PACK].tag or len(todo) < AT_ONCE:
+        return {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(objects.get(PACK)[0])) as file:
+            return {path: file.read(path) for path in set(file.namelist()).intersection(todo)}
+    except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError):
         return {}
 
 

@@ -17,14 +17,14 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from etendue import cache
 from etendue.archive import disk, standins
 from etendue.archive.behind import stand
-from etendue.archive.fetching import TABLE, Here, at_once, fetch, is_shard
+from etendue.archive.fetching import PACK, TABLE, Here, at_once, fetch, is_shard, packed
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.lease import CLOSED, LEFT, OWNER, RUNNING, Lease, in_use, look
 from etendue.archive.manifest import DATA
@@ -226,9 +226,9 @@ class Mirror:
             self.objects.put(JOURNAL, file.read(size))
         self._say_objects()
 
-    def _say_objects(self) -> None:
+    def _say_objects(self, more: Mapping[str, str] | None = None) -> None:
         with self.lock:
-            known = {path: tag for path, (tag, *_) in sorted(self.here.there.items()) if tag}
+            known = {path: tag for path, (tag, *_) in sorted(self.here.there.items()) if tag} | dict(more or {})
         self.objects.put(TABLE, json.dumps({"objects": known}).encode())
 
     def _stand_in(self) -> None:
@@ -282,7 +282,7 @@ class Mirror:
             if level == 5:
                 self._remove_gone()
             self._put(own, UPLOADS if level == 0 else 16)
-        self._say_objects()
+        self._say_objects({PACK: self.objects.put(PACK, packed(self.here))})
         self.lease.say(CLOSED)
         self.here.save()
         self.said = [path for path in self.here.there if is_shard(path)]
