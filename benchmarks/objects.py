@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import urllib.request
 from pathlib import Path
 
@@ -99,7 +100,7 @@ def measure(file: Path, url: str, keys: dict[str, str], latency: float) -> None:
     rows.append(("show", *command(place, ["show", url], latency, **there)))
     rows.append(("verify, on disk", *command(place, ["verify", "disk", "--quiet"], latency)))
     rows.append(("verify", *command(place, ["verify", url, "--quiet"], latency, **there)))
-    if "f_number" in file.read_text():
+    if "f_number" in tomllib.loads(file.read_text()).get("sweep", {}):
         rows.append(("run with another value, elsewhere", *command(place, [*run, *more, "--archive", url], latency, **there)))
     size = sum(path.stat().st_size for path in (place / "disk").rglob("*") if path.is_file())
     files = sum(path.is_file() for path in (place / "disk").rglob("*"))
