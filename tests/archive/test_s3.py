@@ -20,6 +20,7 @@ from etendue.session import Options, execute
 from tests.archive.tiny import store_of
 from tests.run.small import environment
 
+WHOLE_CELLS = True  # other processes write them
 SERVER = ("moto", "flask", "flask_cors")
 pytestmark = [
     pytest.mark.long,
