@@ -5,7 +5,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from etendue.archive.vouched import open_archive
+    from etendue.archive.places import open_archive
     from etendue.composing.pipeline import Pipeline, span
     from etendue.plots.accessor import show
     from etendue.session import simulate
@@ -19,7 +19,7 @@ _PLACES = {
     "span": "etendue.composing.pipeline",
     "simulate": "etendue.session",
     "read_pipeline": "etendue.spec.pipeline",
-    "open_archive": "etendue.archive.vouched",
+    "open_archive": "etendue.archive.places",
 }
 
 

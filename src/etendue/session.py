@@ -56,7 +56,7 @@ class Outcome:
     reused: set[CellRef]
     seconds: float
     reasons: dict[str, str] = field(default_factory=dict)
-    archive: Path | None = None
+    archive: Path | str | None = None
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
     arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
@@ -117,13 +117,24 @@ def execute(
 ) -> Outcome:
     """Compute what a plan asks for and is not there yet; ``into``: who takes the results, in the place of an archive.
 
+    An archive may be a URL of an object store: the run works in a folder here, and what has changed in it is put there.
+
     Raises
     ------
     ArchiveError, ArchiveInUse, MachineError
         Before anything is computed.
+    StoreLost
+        At any time; what is finished is kept.
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
+    if archive is not None and "://" in str(archive):
+        from etendue.archive import places
+
+        with places.writing(archive, options.scheduler) as folder:
+            outcome = execute(plan, folder, options, progress)
+        placed: Outcome = places.placed(outcome, folder, archive)
+        return placed
     from etendue.report import pictures, tables, thumbnails  # noqa: F401  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
@@ -314,7 +325,7 @@ def simulate(
     Parameters
     ----------
     pipeline : path, TOML text, or mapping
-    archive : folder to keep and resume, or None to stay in memory
+    archive : folder, or s3://bucket/prefix/name, to keep and resume; or None to stay in memory
     want : variables to compute, instead of the file's ``wanted``
     scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
     leave_out : whether what the scene does not need may be left out
@@ -363,6 +374,10 @@ def simulate(
 
     if archive is None:
         return outcome.tree
+    if "://" in str(archive):
+        from etendue.archive.places import open_archive
+
+        return open_archive(archive)
     import xarray
 
     return xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")

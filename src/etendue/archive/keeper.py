@@ -86,6 +86,7 @@ class ArchiveKeeper:
             path = provenance.write_record(store.folder, plan, asked, resolved, told, store.durable)
             store.journal.record(path, (store.folder / path).read_text())
             self.recorded = True
+        store.behind.begun()
         return Work(plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved)
 
     def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:

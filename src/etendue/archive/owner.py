@@ -12,6 +12,8 @@ import uuid
 import zlib
 from pathlib import Path
 
+from etendue.archive.behind import behind
+
 ABANDONED = "abandoned"  # in place of the owner's name: a stage did not end when the run was interrupted
 
 
@@ -28,6 +30,8 @@ def is_id(text: bytes) -> bool:
 
 def is_running(folder: Path) -> bool:
     """Whether a run owns an archive now."""
+    if behind(folder).running:
+        return True
     try:
         handle = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

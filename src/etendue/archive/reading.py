@@ -208,6 +208,15 @@ class StoredArchive:
             raise ArchiveError(f"{self.folder / path}: the bytes of chunk {slot} do not fit their checksum")
         return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
 
+    def slots_of(self, paths: Iterable[str]) -> dict[str, int]:
+        """How many chunks each of some shards has room for; of arrays of which the journal says it."""
+        found = {}
+        for path in paths:
+            group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
+            if variable in self.journal.blocks.get(group, {}):
+                found[path] = self._form(group, variable).slots
+        return found
+
     # -- what the chunks are ------------------------------------------------------------------------------------------
 
     def chunk(self, written: Written) -> StoredChunk:

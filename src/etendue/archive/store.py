@@ -27,6 +27,7 @@ from typing import Any
 
 from etendue.archive import disk, frames
 from etendue.archive.accepting import Former, accepted
+from etendue.archive.behind import behind
 from etendue.archive.blocks import Blocks, Stored
 from etendue.archive.chunks import CellFiles, Chunk
 from etendue.archive.clearing import CHUNK, half_written, nodes_on_disk, remove_node, sweep
@@ -69,6 +70,7 @@ class Archive:
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.former = Former()  # of the platform of the last run, where that is accepted
         self.run_id = fresh_id()
+        self.behind = behind(self.folder)
 
     # -- opening --------------------------------------------------------------------------------------
 
@@ -282,6 +284,7 @@ class Archive:
     def change(self) -> None:
         """The archive is the run's own from now on, and not in order until it has ended."""
         if not self.touched:
+            self.behind.own()
             self.touched = True
             self.journal.open()
             disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
@@ -345,6 +348,7 @@ class Archive:
             self.lacking.discard(ref)
         self.journal.end(lines)
         self.blocks.put(complete)
+        self.behind.sealed(complete)
 
     # -- closing --------------------------------------------------------------------------------------
 

@@ -68,7 +68,7 @@ class _Main(click.Group):
             click.echo(f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is intact", err=True)
             ctx.exit(5)
         except KeyboardInterrupt as error:
-            click.echo(interrupts.INTACT, err=True)
+            click.echo(interrupts.line(), err=True)
             ctx.exit(getattr(error, "exit_code", 130))
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise

@@ -31,7 +31,7 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
         folder = archive.absolute()
         while not folder.exists():
             folder = folder.parent
-        held = sum(f.stat().st_size for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
+        held = sum(512 * f.stat().st_blocks for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
         free = shutil.disk_usage(folder).free + held
         if need > free:
             raise MachineError(

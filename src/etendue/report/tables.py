@@ -88,11 +88,11 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
     grouped: dict[str, list[CellReport]] = {}
     for ref, report in reports.items():
         grouped.setdefault(ref[0], []).append(report)
-    total = sum(r.seconds for r in reports.values() if r.status in ("done", "left_out")) or 1.0
+    total = math.fsum(r.seconds for r in reports.values() if r.status in ("done", "left_out")) or 1.0
     for node in plan.nodes:
         cells = plan.of(node.name)
         own = grouped.get(node.name, [])
-        seconds = sum(r.seconds for r in own if r.status in ("done", "left_out"))
+        seconds = math.fsum(r.seconds for r in own if r.status in ("done", "left_out"))
         errors = [c.error[0] for c in cells if c.error[0] is not None]
         how = next((c.error[1] for c in cells), "unknown")
         rows.append(
