@@ -28,6 +28,8 @@ exclude_patterns = ["_build", "making"]
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence"]
 highlight_language = "none"
+default_role = "code"
+add_module_names = False
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
@@ -42,12 +44,14 @@ html_title = "etendue"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_sidebars = {"index": [], "first_picture": [], "made/gallery": []}
 html_theme_options = {
     "logo": {"text": "etendue"},
     "navbar_align": "left",
     "header_links_before_dropdown": 7,
     "secondary_sidebar_items": ["page-toc"],
     "show_toc_level": 2,
+    "collapse_navigation": True,
     "navigation_with_keys": False,
     "footer_start": ["copyright"],
     "footer_end": [],
@@ -99,9 +103,7 @@ def _flows(lines: list[str]) -> list[str]:
     inside = False
     for line in lines:
         begins = re.match(r"(In|Out|Sources?):\s+", line)
-        if inside and not begins and not line.startswith(" "):
-            made.append("")
-        inside = bool(begins) or (inside and line.startswith(" "))
+        inside = bool(begins) or (inside and bool(line.strip()))
         if begins:
             made += ["", f"- **{begins[1]}:** {line[begins.end() :]}"]
         else:

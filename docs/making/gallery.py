@@ -24,7 +24,7 @@ from etendue.spec.parameter import MISSING
 from etendue.spec.stage import parameters_of, reads_of, writes_of
 from etendue.spec.variables import variable
 from making.markdown import shown
-from making.stages import roles, said_of
+from making.stages import roles
 
 WIDE = 320  # dots of a picture's width, or somewhat less
 ENLARGED = 4  # how much larger the part below a picture is
@@ -32,6 +32,7 @@ SHIPPED: dict[str, dict[str, dict[str, str]]] = {  # and what is told to their s
     "paper": {}, "burst": {}, "raw_corrections": {}, "paper_order": {}, "colour": {"scene": {"bin_width": "20 nm"}},
 }  # fmt: skip
 BASE = "smallest"  # the camera in which a stage that none of them uses takes its place
+UNTELLING = {"radiance_cube", "real_lens", "real_lens_distortion", "real_lens_illumination"}  # an example of noise; rays take seconds
 TOLD = {"lens_psf_field": {"tolerance": 0.1}}
 CHART = {
     "white_luminance": "250 cd m-2", "width": "700 um", "height": "560 um", "spacing": "1 um", "wavelength_from": "400 nm",
@@ -39,7 +40,7 @@ CHART = {
 }  # fmt: skip
 PIXELS = {"rows": 128, "columns": 160}
 PITCH = "4 um"
-LOOKED_AT = {"photograph": (0.43, 0.5), "composite": (0.18, 0.44)}  # the middle of the part that is enlarged, by scene
+LOOKED_AT = {"photograph": (0.31, 0.5), "composite": (0.18, 0.44)}  # the middle of the part that is enlarged, by scene
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def taken(root: Path) -> dict[str, Picture]:
     """A picture by stage, those of the shipped pipelines first."""
     registry = installed_stages()
     kinds = {name: registry.load(name) for name in registry.names()}
-    wanted = {name: pictured(kind)[0] for name, kind in kinds.items() if pictured(kind)}
+    wanted = {name: pictured(kind)[0] for name, kind in kinds.items() if name not in UNTELLING and pictured(kind)}
     found: dict[str, Picture] = {}
     for name, changes in SHIPPED.items():
         camera = still(etendue.Pipeline.read(root / "pipelines" / f"{name}.toml"))
@@ -164,14 +165,20 @@ def page(found: Mapping[str, Picture]) -> str:
         + f", and of `{BASE}.toml` with a stage that none of them uses in its place. "
         + "Light is shown as an eye sees it, a mosaic in the colours of its filters, every sample as a square.",
     ]
-    for role, own in roles(documents).items():
+    for wing, own in _wings(documents).items():
         cards = [_card(found[d["name"]], first_sentence(d["doc"])) for d in own]
-        parts += [
-            f"## {shown(role or 'without a role').capitalize()}",
-            shown(said_of(role)).capitalize(),
-            "::::{grid} 1 2 3 3\n:gutter: 3\n\n" + "\n".join(cards) + "\n::::",
-        ]
+        parts += [f"## {wing.capitalize()}", "\n".join(["::::{grid} 1 2 3 4", ":gutter: 2", "", *cards, "::::"])]
     return "\n\n".join(parts)
+
+
+def _wings(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Stages in the order of the light, by the wing of the built-in ones of their role."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for own in roles(documents).values():
+        modules = [installed_stages().load(d["name"]).__module__.split(".") for d in own]
+        wing = next((module[2] for module in modules if module[:2] == ["etendue", "stages"]), "of other distributions")
+        found.setdefault(wing, []).extend(own)
+    return found
 
 
 def _card(picture: Picture, said: str) -> str:
@@ -180,7 +187,7 @@ def _card(picture: Picture, said: str) -> str:
             f":::{{grid-item-card}} {shown(picture.stage)}",
             f":link: stages/{picture.stage}",
             ":link-type: doc",
-            f":img-bottom: pictures/{picture.stage}.png",
+            f":img-top: pictures/{picture.stage}.png",
             f":img-alt: {picture.variable} behind {picture.stage}",
             "",
             shown(said),
