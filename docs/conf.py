@@ -29,11 +29,11 @@ myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence"]
 highlight_language = "none"
 default_role = "code"
+smartquotes = False  # two dashes begin an option
 add_module_names = False
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-autodoc_default_options = {"show-inheritance": False}
 napoleon_google_docstring = False
 napoleon_use_param = False  # types are words and shapes, not names to look up
 napoleon_use_rtype = False

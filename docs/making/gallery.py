@@ -162,8 +162,9 @@ def page(found: Mapping[str, Picture]) -> str:
         "What stands behind each stage that writes a picture, in the order of the light. The pictures are made when this page is: "
         + "of "
         + ", ".join(f"`{name}.toml`" for name in SHIPPED)
-        + f", and of `{BASE}.toml` with a stage that none of them uses in its place. "
-        + "Light is shown as an eye sees it, a mosaic in the colours of its filters, every sample as a square.",
+        + f", and of `{BASE}.toml`, its frame made larger, with a stage that none of them uses in its place. "
+        + "Light is shown as an eye sees it, a mosaic in the colours of its filters; "
+        + "below each picture is a part of it, enlarged, every sample a square.",
     ]
     for wing, own in _wings(documents).items():
         cards = [_card(found[d["name"]], first_sentence(d["doc"])) for d in own]

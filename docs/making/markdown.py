@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from inspect import cleandoc
 
 _CODE = re.compile(r"(``.+?``|`[^`]+`)", flags=re.S)
+_BAR = re.compile(r"(?<!\\)\|")
 _SIGNS = re.compile(r"([\\*_\[\]<>|$~#])")
 
 
@@ -26,9 +27,9 @@ def paragraphs(text: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table whose cells are markdown already."""
+    """A table whose cells are markdown already; a bar in one, in code too, is none between them."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("\n", " ") for cell in row) + " |" for row in lines)
+    return "\n".join("| " + " | ".join(_BAR.sub(r"\|", cell.replace("\n", " ")) for cell in row) + " |" for row in lines)
 
 
 def toctree(pages: Iterable[str], *options: str) -> str:
