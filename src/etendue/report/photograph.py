@@ -12,7 +12,7 @@ from typing import Any
 from etendue.report.terminal import _out, _table, escape
 
 FLAGS = {
-    "above_nyquist": "above Nyquist", "not_reached": "half contrast is not reached", "clipped": "clipped", "noisy": "wide interval",
+    "above_nyquist": "above Nyquist", "not_reached": "MTF50 not reached", "clipped": "clipped", "noisy": "wide interval",
 }  # fmt: skip
 
 
@@ -44,7 +44,7 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
     table = _table(f"{title}, {', '.join(channels)}; cycles/pixel", *columns)
     for row in rows:
         turn = f"{row['angle']:.2f}°" if edges else str(row["cycles"])
-        cells = [row[where], turn, _text(row["mtf50"]), _interval(row, "mtf50"), _text(row["mtf10"])]
+        cells = [row[where], turn, _text(row["mtf50"], 4), _interval(row, "mtf50"), _text(row["mtf10"], 4)]
         cells += [_text(row["mtf50_lp_mm"], 4)] if pitch else []
         table.add_row(*cells, _text(row["mtf50_lw_ph"], 4), ", ".join(FLAGS[flag] for flag in row["flags"]))
     console.print(table)
@@ -66,18 +66,20 @@ def _print_noise(console: Any, patch: dict[str, Any]) -> None:
 def _print_chart(console: Any, chart: dict[str, Any]) -> None:
     columns = (("patch", "left"), ("as it stands", "right"), ("interval", "left"), ("exposed", "right"), ("exposed interval", "left"))
     table = _table(f"ColorChecker in {escape(chart['space'])}: Delta E 2000 under {chart['white']}", *columns)
-    for row in chart["patches"]:
-        cells = (_text(row["delta_e"]), _interval(row, "delta_e"), _text(row["exposed"]), _interval(row, "exposed"))
-        table.add_row(row["patch"], *cells)
-    for word in ("mean", "max"):
-        both = [chart[kind] for kind in ("as_is", "exposed")]
-        table.add_row(word, *(text for own in both for text in (_text(own[word]), _interval(own, word))))
+    both = [(row, "delta_e", row, "exposed", row["patch"]) for row in chart["patches"]]
+    both += [(chart["as_is"], word, chart["exposed"], word, word) for word in ("mean", "max")]
+    for one, name, other, exposed, what in both:
+        table.add_row(what, f"{one[name]:.2f}", _apart(one, name), f"{other[exposed]:.2f}", _apart(other, exposed))
     console.print(table)
-    console.print(f"exposed: all channels times {chart['gain']:.4g}, which makes the greys as bright as they should be")
+    console.print(f"exposed: times {chart['gain']:.4g}, with which the greys are as bright as they should be")
 
 
 def _interval(row: dict[str, Any], name: str) -> str:
-    return f"{_text(row[f'{name}_low'])} to {_text(row[f'{name}_high'])}"
+    return f"{_text(row[f'{name}_low'], 4)} to {_text(row[f'{name}_high'], 4)}"
+
+
+def _apart(row: dict[str, Any], name: str) -> str:
+    return f"{row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f}"
 
 
 def _range(estimate: dict[str, Any], scale: float = 1.0) -> str:

@@ -131,14 +131,12 @@ class ColourErrors:
     delta_e: FloatArray  # (patch,) CIEDE2000
     reach: FloatArray  # (patch,) how far noise moves a measured colour, CIEDE2000
     lab: FloatArray  # (3, patch) measured
+    mean_reach: float  # the same of the mean over patches, and of the largest
+    max_reach: float
 
     @property
     def mean(self) -> float:
         return float(self.delta_e.mean())
-
-    @property
-    def mean_reach(self) -> float:
-        return float(np.sqrt((self.reach**2).sum())) / len(self.reach)
 
 
 def colour_errors(
@@ -159,7 +157,8 @@ def colour_errors(
     -------
     ColourErrors
         The true difference of a patch lies within ``reach`` of the one found: that is the distance below which a share
-        ``confidence`` of the draws about the measured colour stay. Wider than need be, and right also where the difference is 0.
+        ``confidence`` of the draws about the measured colour stay. Wider than need be, and right also where the difference is 0. So
+        with the mean and the largest over patches.
     """
     goal = np.asarray(reference, np.float64)
     found = lab_of(patches.mean.T)
@@ -167,7 +166,8 @@ def colour_errors(
     root = np.stack([_root(own) for own in patches.covariance])
     drawn = patches.mean + np.einsum("pij,npj->npi", root, generator.standard_normal((DRAWS, *patches.mean.shape)))
     moved = delta_e_2000(lab_of(np.moveaxis(drawn, -1, 0)), found[:, None, :])
-    return ColourErrors(delta_e_2000(found, goal), np.quantile(moved, confidence, axis=0), found)
+    reach, mean, largest = (np.quantile(own, confidence, axis=0) for own in (moved, moved.mean(1), moved.max(1)))
+    return ColourErrors(delta_e_2000(found, goal), reach, found, float(mean), float(largest))
 
 
 def _root(covariance: FloatArray) -> FloatArray:

@@ -68,9 +68,10 @@ def patch_noise(plane: ArrayLike, sites: ArrayLike | None = None, confidence: fl
     design = np.stack(
         [np.ones(int(used.sum())), np.broadcast_to(y[:, None], values.shape)[used], np.broadcast_to(x, values.shape)[used]], 1
     )
-    found = np.linalg.lstsq(design, values[used], rcond=None)[0]
+    first = float(values[used][0])  # equal values have no noise, to the last digit
+    found = np.linalg.lstsq(design, values[used] - first, rcond=None)[0]
     rest = np.zeros(values.shape)
-    rest[used] = values[used] - design @ found
+    rest[used] = values[used] - first - design @ found
     centre = float(values[used].mean())
     mean = centre + left_out(rest) / each  # the sloping plane is none of its noise
     free = 1 - 3 / each[0]

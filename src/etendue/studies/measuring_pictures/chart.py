@@ -59,17 +59,18 @@ def measured_chart(photograph: Photograph, text: str, space: str, confidence: fl
     if photograph.names == ("grey",):
         raise RequestError(f"--chart: {photograph.path.name} is grey; the colours of a chart need a colour picture")
     notes = []
+    (left, top), (right, bottom) = np.floor(np.maximum(places.min(0), 0)).astype(int), np.ceil(places.max(0)).astype(int) + 1
+    cut = np.s_[top:bottom, left:right]
     if photograph.is_raw:
-        planes = np.moveaxis(developed(photograph.path), -1, 0) / 65535.0
+        planes = np.moveaxis(developed(photograph.path)[cut], -1, 0) / 65535.0
         clipped = (planes >= 1).any(0)
         space = "sRGB"
         notes.append("colours of the raw file are LibRaw's: linear sRGB, white balance of the camera")
     else:
-        planes, clipped = photograph.planes(), photograph.clipped()
+        planes, clipped = photograph.planes(cut), photograph.clipped(cut)
     convert = to_lab(space)
     names, goal, _ = reference()
-    given = _crossed_or(text, places, planes, clipped, convert, confidence)
-    patches, as_is, exposed, gain = given
+    patches, as_is, exposed, gain = _in_order(text, places, (left, top), planes, clipped, convert, confidence)
     if patches.clipped.max() > CLIPPED:
         several = [f"{name} ({100 * share:.0f} %)" for name, share in zip(names, patches.clipped, strict=True) if share > CLIPPED]
         notes.append(f"clipped, so that their colours are not known: {', '.join(several)}")
@@ -102,13 +103,13 @@ def _luminance(lightness: Any) -> Any:
     return np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29))
 
 
-def _crossed_or(
-    text: str, places: Any, planes: Any, clipped: Any, convert: Any, confidence: float
+def _in_order(
+    text: str, places: Any, first: Any, planes: Any, clipped: Any, convert: Any, confidence: float
 ) -> tuple[Patches, ColourErrors, ColourErrors, float]:
     """The patches in the given order of corners; another order that fits much better is told instead."""
 
     def taken(order: Any) -> tuple[Patches, ColourErrors, ColourErrors, float]:
-        patches = chart_patches(planes, order, ROWS, COLUMNS, clipped)
+        patches = chart_patches(planes, order - np.array(first), ROWS, COLUMNS, clipped)
         return (patches, *_errors(patches, convert, confidence))
 
     middle = places.mean(0)
@@ -137,6 +138,6 @@ def _between(name: str, value: float, reach: float) -> dict[str, float]:
 def _summary(found: ColourErrors, names: tuple[str, ...]) -> dict[str, Any]:
     worst = int(found.delta_e.argmax())
     return {
-        **_between("mean", found.mean, found.mean_reach), **_between("max", found.delta_e[worst], found.reach[worst]),
+        **_between("mean", found.mean, found.mean_reach), **_between("max", found.delta_e[worst], found.max_reach),
         "worst": names[worst],
     }  # fmt: skip

@@ -13,16 +13,16 @@ import numpy as np
 
 from etendue.errors import RequestError
 from etendue.physics.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
-from etendue.physics.resolution.edge_region import find_edge
 from etendue.physics.resolution.edge_shape import EdgeShape, edge_shape
+from etendue.physics.resolution.slanted_edge import SMALLEST
+from etendue.studies.measuring_pictures.finding import reason, slanted
 from etendue.studies.measuring_pictures.photograph import Photograph
 from etendue.studies.measuring_pictures.regions import FOUND, Window, window
 
 ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
-SEARCHED = 2_000_000  # pixels of the picture in which an edge is looked for
-AROUND = 24  # pixels about what was found there
+SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 REGIONS = (
     "give regions: --edge X,Y,WIDTH,HEIGHT about one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of an even patch, "
     "--chart with the four corners of a ColorChecker"
@@ -37,16 +37,29 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
     RequestError
         A region outside the picture; no edge, one along the raster, a bent one.
     """
-    place = _found(photograph, channel) if text == FOUND else window("--edge", text, photograph.columns, photograph.rows)
+    if text != FOUND:
+        return _measured(photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence, False)
+    places, why = slanted(photograph, channel)
+    for place in places:
+        try:
+            return _measured(photograph, place, channel, confidence, True)
+        except RequestError as error:
+            why = str(error).partition(": ")[2]
+    raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself ({why}); {REGIONS}")
+
+
+def _measured(photograph: Photograph, place: Window, channel: str, confidence: float, find: bool) -> dict[str, Any]:
+    """The edge in a rectangle, or with ``find`` the strongest one in it."""
     what = f"--edge {place}"
+    if min(place.width, place.height) < SMALLEST:
+        raise RequestError(f"{what}: too small for an edge; allowed is at least {SMALLEST} x {SMALLEST} pixels")
     image, sites = photograph.linear(channel, place.cut)
     image = np.ascontiguousarray(image)
     shape = _shape(what, image, sites)
     try:
-        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, find=text == FOUND)
+        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, find=find)
     except ValueError as error:
-        reason = str(error).removeprefix("picture shows no edge that can be measured: ").partition("; allowed is")[0]
-        raise RequestError(f"{what}: no edge can be measured: {reason}") from None
+        raise RequestError(f"{what}: no edge can be measured: {reason(error)}") from None
     _check_straight(what, found, shape, image, sites)
     clipped = float(photograph.clipped(place.cut).mean())
     top, bottom, left, right = found.window
@@ -64,7 +77,9 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
 
 
 def _shape(what: str, image: Any, sites: Any) -> EdgeShape | None:
-    """How the edge of a region stands; an edge along the raster is refused."""
+    """How the edge of a region stands, None where noise hides it; an edge along the raster is refused."""
+    if not _step(image, sites) > SEEN * _noise(image, sites):
+        return None
     try:
         shape = edge_shape(image, sites)
     except ValueError:
@@ -100,31 +115,3 @@ def _noise(image: Any, sites: Any) -> float:
         period = next((n for n in (2, 6) if np.array_equal(sites[n:], sites[:-n]) and np.array_equal(sites[:, n:], sites[:, :-n])), 2)
         steps = [(image[period:] - image[:-period])[sites[period:]], (image[:, period:] - image[:, :-period])[sites[:, period:]]]
     return min(float(np.median(np.abs(one))) for one in steps) / (0.6745 * math.sqrt(2))
-
-
-def _found(photograph: Photograph, channel: str) -> Window:
-    """A window about the strongest slanted edge, looked for in a picture of at most so many pixels."""
-    image, sites = photograph.linear(channel)
-    factor = math.ceil(math.sqrt(image.size / SEARCHED))
-    if sites is not None or factor > 1:
-        factor = max(factor, 2 if sites is not None and photograph.colours is not None else 1)
-        image = _smaller(image, sites, factor)
-        sites = None
-    try:
-        (top, bottom, left, right), _ = find_edge(image, sites)
-    except ValueError as error:
-        reason = str(error).removeprefix("picture shows no edge that can be measured: ").partition("; allowed is")[0]
-        raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself ({reason}); {REGIONS}") from None
-    top, left = max(factor * top - AROUND, 0), max(factor * left - AROUND, 0)
-    bottom, right = min(factor * bottom + AROUND, photograph.rows), min(factor * right + AROUND, photograph.columns)
-    return Window(left, top, right - left, bottom - top)
-
-
-def _smaller(image: Any, sites: Any, factor: int) -> Any:
-    """Means over squares of so many pixels, of one colour where there are sites."""
-    rows, columns = (size // factor for size in image.shape)
-    held = np.ones(image.shape) if sites is None else sites.astype(float)
-    squares = [
-        own[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor).sum((1, 3)) for own in (image * held, held)
-    ]  # fmt: skip
-    return squares[0] / np.maximum(squares[1], 1e-9)

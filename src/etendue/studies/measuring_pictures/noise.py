@@ -17,7 +17,8 @@ from etendue.studies.measuring_pictures.regions import window
 
 CLIPPED = 1e-3  # share of pixels from which on a patch is refused
 SLOPE = 0.5  # change over the patch, of its mean
-UNEVEN, TIMES = 0.02, 4.0  # rms of the means of its blocks, of the mean; and of what noise of independent pixels gives
+TIMES = 4.0  # rms of the means of blocks over what noise of independent pixels gives; and besides, as a share
+UNEVEN, MOST = 0.02, 0.7  # of the mean, or of the noise itself
 
 
 def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict[str, Any]:
@@ -56,7 +57,8 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
 def _check_even(what: str, name: str, found: PatchNoise) -> None:
     if found.slope > SLOPE:
         raise RequestError(f"{what}: the patch is not even: {name} changes by {100 * found.slope:.0f} % of its mean over it")
-    if found.uneven > max(UNEVEN, TIMES * found.uneven_white):
+    blocks = found.uneven * abs(found.mean.value)
+    if found.uneven > TIMES * found.uneven_white and (found.uneven > UNEVEN or blocks > MOST * found.sigma.value):
         raise RequestError(
             f"{what}: the patch is not even: parts of it differ by {100 * found.uneven:.1f} % rms in {name}, beside its noise"
         )

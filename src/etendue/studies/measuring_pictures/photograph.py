@@ -163,7 +163,8 @@ def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
     except RequestError:
         raise
     except Exception as error:  # LibRaw has a class for each of its refusals
-        raise RequestError(f"{path} cannot be read as a raw file: {' '.join(str(error).split())[:150]}") from None
+        told = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
+        raise RequestError(f"{path} cannot be read as a raw file: {' '.join(told.split())[:150]}") from None
     if not white > black.max():
         raise RequestError(f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on")
     return Photograph(path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean()))

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
-from etendue.physics.resolution.star_interval import star_resolution
+from etendue.physics.resolution.star_interval import count_cycles, star_resolution
 from etendue.studies.measuring_pictures.photograph import Photograph
-from etendue.studies.measuring_pictures.regions import circle
+from etendue.studies.measuring_pictures.regions import Circle, circle
 
 ROOM = 2  # pixels about the star
 
@@ -37,8 +37,8 @@ def measured_star(photograph: Photograph, text: str, channel: str, cycles: int |
             image, (place.y - top, place.x - left), place.radius, cycles=cycles, sites=sites, confidence=confidence
         )  # fmt: skip
     except ValueError as error:
-        reason = str(error).partition("; allowed is")[0]
-        raise RequestError(f"--star {place}: {reason}{'' if cycles else '; --cycles N says how many periods it has in a turn'}") from None
+        reason = str(error).partition("; allowed is")[0].removeprefix("picture ")
+        raise RequestError(f"--star {place}: {reason}{_cycles(image, place, (left, top), sites, cycles)}") from None
     response = found.response
     return {
         "star": f"{left + response.centre[1]:.2f},{top + response.centre[0]:.2f},{place.radius:g}", "channel": channel,
@@ -48,3 +48,14 @@ def measured_star(photograph: Photograph, text: str, channel: str, cycles: int |
         "flags": [name for name in ("above_nyquist", "not_reached") if getattr(response, name)],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(), "doubt": response.doubt.tolist(),
     }  # fmt: skip
+
+
+def _cycles(image: Any, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
+    """What to try with the number of cycles."""
+    if given is None:
+        return "; --cycles N says how many periods it has in a turn"
+    try:
+        found = count_cycles(image, (place.y - first[1], place.x - first[0]), place.radius, sites)
+    except ValueError:
+        return ""
+    return f" of {given} cycles; {found} are counted: leave --cycles out" if found != given else ""
