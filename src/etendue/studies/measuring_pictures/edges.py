@@ -55,11 +55,13 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
         raise RequestError(f"{what}: too small for an edge; allowed is at least {SMALLEST} x {SMALLEST} pixels")
     image, sites = photograph.linear(channel, place.cut)
     image = np.ascontiguousarray(image)
-    shape = _shape(what, image, sites)
+    seen = _step(image, sites) > SEEN * _noise(image, sites)
+    shape = _shape(what, image, sites) if seen and not find else None
     try:
         found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, find=find)
     except ValueError as error:
-        raise RequestError(f"{what}: no edge can be measured: {reason(error)}") from None
+        hidden = not seen and float(np.ptp(image)) > 0
+        raise RequestError(f"{what}: no edge can be measured: {'its step is lost in noise' if hidden else reason(error)}") from None
     _check_straight(what, found, shape, image, sites)
     clipped = float(photograph.clipped(place.cut).mean())
     top, bottom, left, right = found.window
@@ -77,9 +79,7 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
 
 
 def _shape(what: str, image: Any, sites: Any) -> EdgeShape | None:
-    """How the edge of a region stands, None where noise hides it; an edge along the raster is refused."""
-    if not _step(image, sites) > SEEN * _noise(image, sites):
-        return None
+    """How the edge of a region stands; one along the raster is refused."""
     try:
         shape = edge_shape(image, sites)
     except ValueError:
