@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.special import ive, ndtr
 
-from etendue import spectra
+from etendue import open_archive, spectra
 from etendue.cli import main
 from etendue.errors import RequestError
 from etendue.export import dng
@@ -341,6 +341,25 @@ def test_a_raw_file_without_rawpy_says_how_to_get_it(tmp_path, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     assert "pip install 'etendue[raw]'" in refused(tmp_path / "a.dng")
+
+
+@pytest.mark.long
+def test_an_exported_picture_says_what_the_run_has_measured(tmp_path, monkeypatch):
+    """docs/measure.md: the raw file's mosaic is behind ``linearise``, the TIFF behind ``encode``; 1 % is a third of the interval."""
+    pytest.importorskip("rawpy")
+    pipeline = Path(__file__).parents[2] / "pipelines" / "resolution.toml"
+    monkeypatch.chdir(tmp_path)
+    kept = 'keep=["raw","white","colour_matrix","rgb_display","edge_mtf50_cycles"]'
+    one = [word for text in ("f_number=8", "pixel_pitch=4", "integration_time=0.02") for word in ("--sweep", text)]
+    for words in (
+        ["run", str(pipeline), "--set", kept, *one, "--archive", "edge"],
+        ["export", "edge", "--dng", "--output", "edge.dng"],
+        ["export", "edge", "--tiff", "--variable", "rgb_display", "--output", "edge.tif"],
+    ):
+        assert CliRunner().invoke(main, words).exit_code == 0, words
+    own = open_archive("edge")["edge_resolution"].edge_mtf50_cycles
+    for name, stage in (("edge.dng", "linearise"), ("edge.tif", "encode")):
+        assert_allclose(measure(Path(name), Asked())["edges"][0]["mtf50"], own.sel(stage=stage).item(), rtol=0.01)
 
 
 # ------------------------------------------------------------------------------------------------------ the command

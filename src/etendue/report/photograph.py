@@ -39,15 +39,18 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
     edges = where == "region"
     columns = [(where, "left"), ("angle" if edges else "cycles", "right"), ("MTF50", "right"), ("interval", "left"), ("MTF10", "right")]
     columns += [("cycles/mm", "right")] if pitch else []
-    columns += [("LW/PH", "right"), ("", "left")]
+    columns += [("LW/PH", "right")]
     channels = sorted({row["channel"] for row in rows})
     table = _table(f"{title}, {', '.join(channels)}; cycles/pixel", *columns)
     for row in rows:
         turn = f"{row['angle']:.2f}°" if edges else str(row["cycles"])
         cells = [row[where], turn, _text(row["mtf50"], 4), _interval(row, "mtf50"), _text(row["mtf10"], 4)]
         cells += [_text(row["mtf50_lp_mm"], 4)] if pitch else []
-        table.add_row(*cells, _text(row["mtf50_lw_ph"], 4), ", ".join(FLAGS[flag] for flag in row["flags"]))
+        table.add_row(*cells, _text(row["mtf50_lw_ph"], 4))
     console.print(table)
+    for row in rows:
+        if row["flags"]:
+            console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
 
 
 def _print_noise(console: Any, patch: dict[str, Any]) -> None:

@@ -96,7 +96,8 @@ def star_resolution(
     Notes
     -----
     The interval holds noise alone, of pixels that are independent: not the 1 % of MTF50 by which a contrast that is not given may be
-    wrong. The harmonics of a star of black and white sectors count as noise, so that its intervals are too wide.
+    wrong. The harmonics of a star of black and white sectors count as noise, so that its intervals are too wide. Sinusoidal ones held MTF50
+    in 90 to 93 % of 400 seeds (72 cycles, 125 pixels, noise of 1 and 5 % of the mean): ``python benchmarks/measure.py`` prints it.
     """
     mask = None if sites is None else np.asarray(sites, np.bool_)
     count = count_cycles(picture, centre, radius, mask) if cycles is None else cycles

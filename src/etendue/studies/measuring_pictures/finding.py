@@ -25,12 +25,16 @@ def slanted(photograph: Photograph, channel: str) -> tuple[list[Window], str]:
     """Windows, and why there are none: looked for in the file's own numbers, by means over squares of a large picture."""
     factor = math.ceil(math.sqrt(photograph.rows * photograph.columns / SEARCHED))
     sites = photograph.sites(channel)
-    factor = factor if sites is None else max(factor, 3)  # in any mosaic three by three pixels hold every colour that edges have
-    image = _smaller(photograph, sites, factor)
+    if factor > 1:
+        factor = factor if sites is None else max(factor, 3)  # in any mosaic three by three pixels hold every colour that edges have
+        image, sites = _smaller(photograph, sites, factor), None
+    else:
+        image = photograph.values.astype(np.float64).mean(2)
     found, why = [], ""
     for top, bottom, left, right in _parts(*image.shape):
         try:
-            (up, down, near, far), strip = find_edge(image[top:bottom, left:right])
+            cut = np.s_[top:bottom, left:right]
+            (up, down, near, far), strip = find_edge(image[cut], None if sites is None else sites[cut])
         except ValueError as error:
             why = why or reason(error)
             continue

@@ -15,7 +15,7 @@ import numpy as np
 
 from etendue.errors import RequestError
 from etendue.physics.colour import encoding as transfer
-from etendue.stages.scene.picture import read_picture
+from etendue.picture_files import read_picture
 
 ENCODINGS = ("sRGB", "BT.709", "linear")
 CHANNELS = ("luminance", "red", "green", "blue")
