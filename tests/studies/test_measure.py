@@ -83,7 +83,7 @@ def test_a_known_mtf_comes_back_within_its_interval(tmp_path, name, angle, sigma
     assert found["flags"] == [] and found["mtf50_low"] < found["mtf50"] < found["mtf50_high"]
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(gain=st.floats(0.2, 1.4), turns=st.integers(0, 3))
 def test_brightness_and_quarter_turns_change_no_mtf(tmp_path_factory, gain, turns):
     folder = tmp_path_factory.mktemp("turned")
@@ -282,7 +282,7 @@ def test_srgb_and_its_curve_give_the_chart_but_for_cyan(tmp_path):
     assert len(document["notes"]) == 1 and "cyan (100 %)" in document["notes"][0]
 
 
-@pytest.mark.parametrize("order", [(1, 2, 3, 0), (2, 3, 0, 1), (3, 2, 1, 0), (0, 2, 1, 3), (1, 0, 3, 2)])
+@pytest.mark.parametrize("order", [(2, 3, 0, 1), (3, 2, 1, 0), (0, 2, 1, 3)])
 def test_corners_in_another_order_are_told_the_right_one(tmp_path, order):
     places = np.reshape([float(one) for one in CORNERS.split(",")], (4, 2))
     text = ",".join(f"{one:g}" for one in places[list(order)].ravel())
@@ -390,7 +390,7 @@ def asked(*words):
         (["--pitch", "4 s"], "--pitch '4 s' is in s"),
         (["--pitch", "0um"], "--pitch 0um: expected a length above 0"),
         (["-o", "a.doc"], "a.doc: the ending says what to write"),
-        (["--noise", "0,0,40,160", "-o", "a.csv"], "curves are those of edges and stars, and none was measured"),
+        (["--noise", "0,0,40,160", "-o", "a.csv"], "curves are those of edges and stars, and none is asked for"),
     ],
 )
 def test_a_wrong_request_is_one_line_and_exit_code_2(picture, words, said):

@@ -59,6 +59,8 @@ def measure(
         raise RequestError(f"--pitch {pitch}: expected a length above 0, such as 4um")
     if output is not None:
         check_suffix(output)
+        if (noise or chart) and not (edges or stars):
+            raise RequestError("-o: curves are those of edges and stars, and none is asked for")
     asked = study.Asked(edges, stars, noise, chart, cycles, channel, encoding, space, length)
     document = study.measure(picture, asked)
     plot = None if output is None else study.curves(document)

@@ -140,7 +140,12 @@ class ColourErrors:
 
 
 def colour_errors(
-    patches: Patches, lab_of: Callable[[FloatArray], FloatArray], reference: ArrayLike, confidence: float = 0.95, rng: int = 0
+    patches: Patches,
+    lab_of: Callable[[FloatArray], FloatArray],
+    reference: ArrayLike,
+    confidence: float = 0.95,
+    rng: int = 0,
+    draws: int = DRAWS,
 ) -> ColourErrors:
     """CIEDE2000 of every patch, and how far its noise could move it.
 
@@ -152,6 +157,8 @@ def colour_errors(
     reference : (3, patch) array, L*a*b*
     confidence : float
     rng : int
+        Seed of the draws.
+    draws : int
 
     Returns
     -------
@@ -164,7 +171,7 @@ def colour_errors(
     found = lab_of(patches.mean.T)
     generator = np.random.default_rng(rng)
     root = np.stack([_root(own) for own in patches.covariance])
-    drawn = patches.mean + np.einsum("pij,npj->npi", root, generator.standard_normal((DRAWS, *patches.mean.shape)))
+    drawn = patches.mean + np.einsum("pij,npj->npi", root, generator.standard_normal((draws, *patches.mean.shape)))
     moved = delta_e_2000(lab_of(np.moveaxis(drawn, -1, 0)), found[:, None, :])
     reach, mean, largest = (np.quantile(own, confidence, axis=0) for own in (moved, moved.mean(1), moved.max(1)))
     return ColourErrors(delta_e_2000(found, goal), reach, found, float(mean), float(largest))

@@ -17,7 +17,7 @@ from etendue import spectra
 from etendue.errors import RequestError
 from etendue.physics.colour.difference import lab
 from etendue.physics.colour.matrices import von_kries_matrix, xyz_from_xy
-from etendue.physics.quality.chart_patches import ColourErrors, Patches, chart_patches, colour_errors, turning
+from etendue.physics.quality.chart_patches import DRAWS, ColourErrors, Patches, chart_patches, colour_errors, turning
 from etendue.studies.measuring_pictures.photograph import Photograph, developed
 from etendue.studies.measuring_pictures.regions import corners
 
@@ -87,14 +87,14 @@ def measured_chart(photograph: Photograph, text: str, space: str, confidence: fl
     }  # fmt: skip
 
 
-def _errors(patches: Patches, convert: Any, confidence: float) -> tuple[ColourErrors, ColourErrors, float]:
+def _errors(patches: Patches, convert: Any, confidence: float, draws: int = DRAWS) -> tuple[ColourErrors, ColourErrors, float]:
     """As it stands, and times the gain that makes the luminances of the greys those of the reference, by least squares."""
     _, goal, _ = reference()
-    as_is = colour_errors(patches, convert, goal, confidence)
+    as_is = colour_errors(patches, convert, goal, confidence, draws=draws)
     found, wanted = (_luminance(one[0, GREYS]) for one in (as_is.lab, goal))
     gain = float(found @ wanted / (found @ found)) if (found > 0).any() else 1.0
     exposed = replace(patches, mean=gain * patches.mean, covariance=gain**2 * patches.covariance)
-    return as_is, colour_errors(exposed, convert, goal, confidence), gain
+    return as_is, colour_errors(exposed, convert, goal, confidence, draws=draws), gain
 
 
 def _luminance(lightness: Any) -> Any:
@@ -108,9 +108,9 @@ def _in_order(
 ) -> tuple[Patches, ColourErrors, ColourErrors, float]:
     """The patches in the given order of corners; another order that fits much better is told instead."""
 
-    def taken(order: Any) -> tuple[Patches, ColourErrors, ColourErrors, float]:
+    def taken(order: Any, draws: int = DRAWS) -> tuple[Patches, ColourErrors, ColourErrors, float]:
         patches = chart_patches(planes, order - np.array(first), ROWS, COLUMNS, clipped)
-        return (patches, *_errors(patches, convert, confidence))
+        return (patches, *_errors(patches, convert, confidence, draws))
 
     middle = places.mean(0)
     around = places[np.argsort(np.arctan2(*(places - middle).T[::-1]))]  # clockwise as seen, y down
@@ -121,8 +121,8 @@ def _in_order(
         given = taken(places) if turning(places) in ((4, 0), (0, 4)) else None
         if given is not None and given[2].mean <= BAD:
             return given
-        best = min(orders, key=lambda order: taken(order)[2].mean)
-        other = taken(best)
+        best = min(orders, key=lambda order: taken(order, 1)[2].mean)
+        other = taken(best, 1)
     except ValueError as error:
         raise RequestError(f"--chart {text}: {error}") from None
     if given is not None and (np.array_equal(best, places) or other[2].mean > BETTER * given[2].mean):

@@ -23,6 +23,7 @@ PLANES = ("red", "green", "blue")
 RAW = frozenset(
     {".dng", ".nef", ".nrw", ".cr2", ".cr3", ".crw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw", ".3fr", ".iiq", ".x3f"}
 )
+MOST_PIXELS = 160_000_000  # Pillow opens no more than 179 million
 INSTALL = "pip install 'etendue[raw]'"
 LINEARISED: dict[str, Any] = {"sRGB": transfer.srgb_decode, "BT.709": transfer.bt709_decode, "linear": lambda values: values}
 
@@ -125,7 +126,7 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
     if path.suffix.lower() in RAW:
         return _raw(path, weights)
     try:
-        found = read_picture(str(path))
+        found = read_picture(str(path), MOST_PIXELS)
     except ValueError as error:
         raise RequestError(str(error)) from None
     return Photograph(path, found.values, found.full, encoding, weights, (found.note,) if found.note else ())
