@@ -330,6 +330,15 @@ def test_a_raw_file_is_measured_on_its_own_mosaic(tmp_path, mask):
     assert_allclose(own["encoded"]["mean"]["value"], own["linear"]["mean"]["value"] * (4095 - 64))
 
 
+def test_a_grey_raw_file_has_grey_patches_and_is_told_to_be_no_chart(tmp_path):
+    pytest.importorskip("rawpy")
+    document = measure(raw_file(tmp_path / "a.dng", "RGGB", np.full((140, 202), 0.3)), Asked(chart=CORNERS))
+    lab = np.array([row["lab"] for row in document["chart"]["patches"]])
+    assert_allclose(lab[:, 1:], 0, atol=0.5)  # LibRaw's matrices have four digits
+    assert_allclose(lab[:, 0], lab[0, 0], atol=0.1)
+    assert "LibRaw" in document["notes"][0] and "hardly the colours of a ColorChecker" in document["notes"][1]
+
+
 def test_a_raw_file_without_rawpy_says_how_to_get_it(tmp_path, monkeypatch):
     (tmp_path / "a.dng").write_bytes(b"x")
     known = builtins.__import__

@@ -26,6 +26,7 @@ GREYS = slice(18, 24)
 WHITE, OBSERVED = "D50", tuple(float(nm) for nm in range(380, 731))  # the light of published values; where reflectances are known
 CLIPPED = 0.02  # share of a patch's pixels from which on its colour is not known
 BETTER, BAD = 0.6, 5.0  # of the mean difference: another order of the corners fits so much better; where that is asked
+STRANGE = 20.0  # mean difference behind one gain, beyond which it is hardly that chart
 ORDER = "dark skin, bluish green, black, white"
 
 
@@ -74,6 +75,8 @@ def measured_chart(photograph: Photograph, text: str, space: str, confidence: fl
     if patches.clipped.max() > CLIPPED:
         several = [f"{name} ({100 * share:.0f} %)" for name, share in zip(names, patches.clipped, strict=True) if share > CLIPPED]
         notes.append(f"clipped, so that their colours are not known: {', '.join(several)}")
+    if exposed.mean > STRANGE:
+        notes.append("these are hardly the colours of a ColorChecker: look at the corners, and at --encoding and --space")
     rows = [
         {
             "patch": name, "lab": as_is.lab[:, i].tolist(), "reference": goal[:, i].tolist(), "clipped": float(patches.clipped[i]),

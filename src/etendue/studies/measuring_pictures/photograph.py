@@ -163,9 +163,8 @@ def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
             colours = np.full(index.shape, "W") if file.num_colors == 1 else letters[index]
     except RequestError:
         raise
-    except Exception as error:  # LibRaw has a class for each of its refusals
-        told = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
-        raise RequestError(f"{path} cannot be read as a raw file: {' '.join(told.split())[:150]}") from None
+    except Exception as error:
+        raise RequestError(f"{path} cannot be read as a raw file: {_told(error)}") from None
     if not white > black.max():
         raise RequestError(f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on")
     return Photograph(path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean()))
@@ -174,8 +173,16 @@ def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
 def developed(path: Path) -> Any:
     """(rows, columns, 3): a raw file as LibRaw makes linear sRGB of it, white balance of the camera, 1 at the white level."""
     rawpy = reader()
-    with rawpy.imread(str(path)) as file:
-        found = file.postprocess(
-            gamma=(1, 1), no_auto_bright=True, output_bps=16, use_camera_wb=True, output_color=rawpy.ColorSpace.sRGB, user_flip=0
-        )  # fmt: skip
-    return found
+    try:
+        with rawpy.imread(str(path)) as file:
+            return file.postprocess(
+                gamma=(1, 1), no_auto_bright=True, output_bps=16, use_camera_wb=True, output_color=rawpy.ColorSpace.sRGB, user_flip=0
+            )  # fmt: skip
+    except Exception as error:
+        raise RequestError(f"{path.name} cannot be developed by LibRaw: {_told(error)}") from None
+
+
+def _told(error: Exception) -> str:
+    """What LibRaw says, which has a class for each of its refusals."""
+    text = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
+    return " ".join(text.split())[:150]
