@@ -10,13 +10,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from etendue.archive.inputs import sweep_of
-from etendue.archive.journal import Entry
+from etendue.archive.journal import Entry, is_done
 from etendue.archive.layout import cell_name
 from etendue.archive.provenance import records
 from etendue.archive.store import Archive
 from etendue.errors import ArchiveError
 from etendue.plan.model import CellRef, Node, Plan
-from etendue.plan.resume import with_stored_values
+from etendue.plan.resume import is_of_names, with_stored_values
 
 
 def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[str], int]:
@@ -27,7 +27,7 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
     ArchiveError
         It was made with other stages or axes; finished results would be lost, and nobody has asked for that.
     """
-    swapped = any(axis.key.endswith(".use") for axis in asked.axes)
+    swapped = any(is_of_names(axis.key) for axis in asked.axes)
     sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
     plan = with_stored_values(asked, store.journal.axes, sweeps)
     if not same_cells(asked, plan):
@@ -40,6 +40,22 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
     if lost.cells:
         lost.refuse(str(store.folder))
     return plan, stay, 0
+
+
+def is_elsewhere(store: Archive, ref: CellRef) -> bool:
+    """Whether a cell is right and stored where its variables stood before: cells of another shape have come since."""
+    cell, entry = store.plan.cells[ref], store.journal.entries.get(store.names[ref])
+    if entry is None or not is_done(entry, cell.key):
+        return False
+    here = {chunk.path for chunk in store.laid.chunks(cell)}
+    names = {variable_at(path) for path in here}
+    return any(variable_at(file.path) in names for file in entry.files if file.path not in here)
+
+
+def variable_at(path: str) -> tuple[str, str]:
+    """Stage and variable of a shard, whatever group of a shape it is in."""
+    parts = path.split("/")
+    return parts[1], parts[-2]
 
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:

@@ -70,7 +70,7 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
             exact = picture
         frame = Frame(stage, variable, picture, one.size)
         if how.shown != "map" and exact is not None:
-            frame.exact, frame.first = exact, one.first
+            frame.exact, frame.first = exact, 0 if exact is picture else one.first
             frame.bright = scales[kind] if how.shown == "linear" and exact is not picture else 0.0
         frames.append(frame)
     _with_parts(frames, {name: plan.cells[ref] for name, ref in shown.items()})
