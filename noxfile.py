@@ -40,4 +40,4 @@ def long(session: nox.Session) -> None:
 @nox.session
 def docs(session: nox.Session) -> None:
     """The site, in docs/_build/html; a warning is a fault, such as a link that leads nowhere."""
-    session.run("sphinx-build", "-W", "--keep-going", "-j", "2", "-b", "html", "docs", "docs/_build/html", *session.posargs)
+    session.run("sphinx-build", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html", *session.posargs)
