@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -153,8 +153,8 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         kept = work.plan.kept
 
         def before(batch: Batch) -> None:
-            keeper.starting(job.ref for job in batch.jobs if job.task == "compute")
-            progress.starting(tuple(dict.fromkeys(job.ref[0] for job in batch.jobs)))
+            keeper.starting(ref for ref in batch.refs if ref in work.todo)
+            progress.starting(batch.stages)
 
         def after(batch: Batch, result: BatchResult) -> None:
             fresh = tuple(r for r in result.reports if r.status != "loaded")
@@ -162,7 +162,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
                 look = looks.get(ref)
                 small[ref] = thumbnails.only(look(found)) if look else {}
                 arrays[ref] = {v: a for v, a in found.items() if v not in small[ref] or (keeper.keeps_arrays and (ref[0], v) in kept)}
-            result.kept.clear()  # the scheduler holds on to its results; what is kept of them stands in its place now
+            result.kept, result.reports = {}, ()  # the scheduler holds on to its results; what is kept of them stands in its place now
             reports.update({(r.stage, r.index): r for r in fresh})
             progress.finished(fresh)
 
@@ -174,7 +174,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         stop = Stop()
         try:
             interrupts.check()
-            deliver = frozenset(work.todo) if keeper.keeps_arrays else show
+            deliver = work.todo if keeper.keeps_arrays else show
             _run(partition(jobs, options.batch_seconds), deliver, before, after, options, stop, keeper.mark)
         except KeyboardInterrupt:
             earlier = keeper.earlier(work.reused - set(reports))
@@ -216,13 +216,13 @@ def collect(
     found = Collected()
 
     def before(batch: Batch) -> None:
-        progress.starting(tuple(dict.fromkeys(job.ref[0] for job in batch.jobs)))
+        progress.starting(batch.stages)
 
     def after(batch: Batch, result: BatchResult) -> None:
         found.reports.update({(r.stage, r.index): r for r in result.reports})
         found.arrays.update({ref: {v: a for v, a in own.items() if v in chosen[ref]} for ref, own in result.kept.items()})
-        result.kept.clear()
         progress.finished(result.reports)
+        result.kept, result.reports = {}, ()
 
     with interrupts.held(), without_collecting():
         alone = replace(plan, kept=frozenset())
@@ -252,9 +252,7 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
     )  # fmt: skip
 
 
-def _run(
-    batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None
-) -> None:
+def _run(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None) -> None:
     from threadpoolctl import threadpool_limits
 
     keep_freed_memory()

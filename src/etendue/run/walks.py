@@ -44,7 +44,7 @@ def with_walks(jobs: dict[CellRef, Job], place: Callable[[CellRef, str], Any] | 
         alike = ref[0], id(job.grids), id(job.input_grids)
         if alike in small:
             continue
-        if not _is_large(job):
+        if not is_large(job.grids, job.input_grids):
             small.add(alike)
         elif (walker := _walker(job)) is not None:
             walkers[ref] = walker
@@ -85,10 +85,10 @@ def has_rows(dims: tuple[str, ...]) -> bool:
     return dims[-2:] == ("y", "x")
 
 
-def _is_large(job: Job) -> bool:
-    """Whether a job reads or writes a frame that is not to be whole."""
-    grids = (*job.grids.values(), *job.input_grids.values())
-    return any("y" in grid and "x" in grid and grid["y"].size * grid["x"].size > LARGEST_WHOLE for grid in grids)
+def is_large(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> bool:
+    """Whether a cell reads or writes a frame that is not to be whole."""
+    every = (*grids.values(), *input_grids.values())
+    return any("y" in grid and "x" in grid and grid["y"].size * grid["x"].size > LARGEST_WHOLE for grid in every)
 
 
 def _walker(job: Job) -> _Walker | None:
