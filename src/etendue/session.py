@@ -20,6 +20,8 @@ from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
 from etendue.plan.machine import check_machine
 from etendue.plan.model import CellRef, Plan
+from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
+from etendue.plan.resume import Work
 from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
@@ -52,7 +54,7 @@ class Outcome:
     """What a run did."""
 
     plan: Plan
-    reports: dict[CellRef, CellReport]
+    reports: Reports
     reused: set[CellRef]
     seconds: float
     reasons: dict[str, str] = field(default_factory=dict)
@@ -70,11 +72,11 @@ class Outcome:
 
     @property
     def failed(self) -> list[CellReport]:
-        return [r for r in self.reports.values() if r.status == "failed"]
+        return self.reports.having(FAILED)
 
     @property
     def computed(self) -> int:
-        return sum(r.status in ("done", "left_out") for r in self.reports.values())
+        return self.reports.count(DONE, LEFT_OUT)
 
 
 @dataclass
@@ -147,7 +149,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
             work.plan, work.todo, keeper.target, deliver_all=keeper.keeps_arrays, show=show, place=place,
             looks={ref: look.beside(keeper.keeps_arrays, work.plan.kept, ref[0]) for ref, look in looks.items()},
         )  # fmt: skip
-        reports: dict[CellRef, CellReport] = {}
+        reports = Reports(work.plan)
         arrays: dict[CellRef, dict[str, Any]] = {}
         small: dict[CellRef, dict[str, Any]] = {}
         kept = work.plan.kept
@@ -163,12 +165,11 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
                 small[ref] = thumbnails.only(look(found)) if look else {}
                 arrays[ref] = {v: a for v, a in found.items() if v not in small[ref] or (keeper.keeps_arrays and (ref[0], v) in kept)}
             result.kept, result.reports = {}, ()  # the scheduler holds on to its results; what is kept of them stands in its place now
-            reports.update({(r.stage, r.index): r for r in fresh})
+            reports.take(fresh)
             progress.finished(fresh)
 
         def tabled() -> dict[str, Any]:
-            stored = {**reports, **earlier}
-            return {"ledger": tables.ledger(work.plan, stored), "summary": tables.summary(work.plan, stored)}
+            return {"ledger": tables.ledger(work.plan, reports), "summary": tables.summary(work.plan, reports)}
 
         progress.begin(len(work.todo))
         stop = Stop()
@@ -177,24 +178,24 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
             deliver = work.todo if keeper.keeps_arrays else show
             _run(partition(jobs, options.batch_seconds), deliver, before, after, options, stop, keeper.mark)
         except KeyboardInterrupt:
-            earlier = keeper.earlier(work.reused - set(reports))
+            reports.take(keeper.earlier([ref for ref in work.reused if ref not in reports]))
             keeper.interrupted(tabled(), stop.abandoned)
             raise
         finally:
             progress.end()
-        earlier = keeper.earlier(work.reused - set(reports))
+        earlier = [ref for ref in work.reused if ref not in reports]
+        reports.take(keeper.earlier(earlier))
         there = [ref for ref in shown.values() if ref not in work.todo]
         sheet = None
         if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
             small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
             sheet = pictures.sheet(work.plan, shown, small, at)
         arrays.update(keeper.stored(there, figures_only=True))
-        tree, files = keeper.close(tabled(), sheet, any(r.status == "failed" for r in reports.values()))
-    asked = set(work.cells.values())
-    restored = sum(ref not in asked and r.status in ("done", "left_out") for ref, r in reports.items()) if options.restore else 0
-    reports.update({ref: replace(r, status="reused") for ref, r in earlier.items()})
+        tree, files = keeper.close(tabled(), sheet, reports.count(FAILED) > 0)
+    reports.reuse(ref for ref in earlier if ref in reports)
+    restored = _restored(work, reports) if options.restore else 0
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
-        plan, {ref: _as_asked(reports[own], ref) for ref, own in work.cells.items() if own in reports},
+        plan, reports.of(plan, work.cells),
         {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
         files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
         work.mended, work.moved, restored,
@@ -236,8 +237,10 @@ def collect(
     return found
 
 
-def _as_asked(report: CellReport, ref: CellRef) -> CellReport:
-    return report if report.index == ref[1] else replace(report, index=ref[1])
+def _restored(work: Work, reports: Reports) -> int:
+    """How many cells of earlier runs, which nobody has asked for now, were computed again."""
+    asked = set(work.cells.values())
+    return sum((r.stage, r.index) not in asked for r in reports.having(DONE, LEFT_OUT))
 
 
 def _keeper(archive: str | Path | None, options: Options) -> Keeper:

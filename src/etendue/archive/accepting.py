@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from etendue.archive.journal import Entry
+from etendue.archive.entries import Entry
 from etendue.archive.provenance import in_words
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan

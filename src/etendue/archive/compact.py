@@ -23,7 +23,8 @@ import numpy as np
 from etendue.archive import disk
 from etendue.archive.clearing import nodes_on_disk
 from etendue.archive.cutting import blocks_of
-from etendue.archive.journal import Entry, Journal
+from etendue.archive.entries import Entry
+from etendue.archive.journal import Journal
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.owner import fresh_id
 from etendue.archive.reading import Form, StoredArchive, StoredCell, StoredChunk, open_archive

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive.differing import Difference, between, together
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.archive.stored import Stored, StoredArrays
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
@@ -104,8 +104,8 @@ class ComparingKeeper:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {}
 
-    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
-        return {}
+    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
+        return ()
 
     def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
         return {}

@@ -11,14 +11,14 @@ chunks (``benchmarks/archive.py`` prints the bytes).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 from typing import Any
 
 import numpy as np
 
 from etendue.archive.chunks import CODEC, RAW, Chunk
-from etendue.archive.layout import GroupLayout, Layout, VariableLayout
+from etendue.archive.layout import Layout, VariableLayout
 from etendue.archive.manifest import DATA
 from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
 from etendue.plan.cost import LARGEST_WHOLE
@@ -100,19 +100,30 @@ def chunk_shapes(variable: VariableLayout, block: list[int]) -> tuple[tuple[int,
     return (*(1 for _ in block), *own), (*block, *whole) if block or whole else None
 
 
-def chunks_at(path: str, group: GroupLayout, place: tuple[int, ...], blocks: Mapping[str, Mapping[str, Any]]) -> tuple[Chunk, ...]:
-    """The chunks at one position of the axes of a group."""
-    chunks = []
-    for variable in group.variables.values():
-        block, banded = blocks[variable.name]["block"], by_band(variable)
-        count = pieces(variable)
+class Cutter:
+    """Where the chunks of one variable of a group lie: files and slots by the place of a cell."""
+
+    def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
+        self.variable, self.block, self.codec, self.count = variable, tuple(known["block"]), known["codec"], pieces(variable)
+        self.banded = by_band(variable)
+        self.shape = variable.shape[1:] if self.banded else variable.shape
+        self.slots = prod(self.block) * self.count if self.block or variable.shape else 0
+        self.folder, self.inner = f"{DATA}/{path}/{variable.name}", ["0"] * len(variable.shape)
+        self.files: dict[tuple[int, ...], str] = {}  # each name once: a shard has many chunks
+
+    def at(self, place: tuple[int, ...]) -> tuple[str, int]:
+        """The shard of a cell, and the first of its slots there."""
         slot = 0
-        for at, size in zip(place, block, strict=True):
+        for at, size in zip(place, self.block, strict=True):
             slot = slot * size + at % size
-        where = ".".join(["c", *(str(at // size) for at, size in zip(place, block, strict=True)), *("0" for _ in variable.shape)])
-        file = f"{DATA}/{path}/{variable.name}/{where}"
-        slots = prod(block) * count if block or variable.shape else 0
-        shape, codec = variable.shape[1:] if banded else variable.shape, blocks[variable.name]["codec"]
-        for band in range(count):
-            chunks.append(Chunk(variable.name, file, slot * count + band, slots, variable.dtype, shape, codec, band if banded else None))
-    return tuple(chunks)
+        shard = tuple([at // size for at, size in zip(place, self.block, strict=True)])
+        file = self.files.get(shard)
+        if file is None:
+            file = self.files[shard] = f"{self.folder}/{'.'.join(['c', *map(str, shard), *self.inner])}"
+        return file, slot * self.count
+
+    def chunks(self, place: tuple[int, ...]) -> Iterator[Chunk]:
+        file, slot = self.at(place)
+        own = self.variable
+        for band in range(self.count):
+            yield Chunk(own.name, file, slot + band, self.slots, own.dtype, self.shape, self.codec, band if self.banded else None)

@@ -7,6 +7,8 @@ import fcntl
 import math
 import os
 import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -68,17 +70,16 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     journal = read(folder / JOURNAL)
     if journal.damaged and not running:
         raise _damaged(folder, [JOURNAL])
-    if not running and (odd := Stored(folder).odd()):
+    if not running and (odd := Stored(folder, journal=journal).odd()):
         raise _damaged(folder, odd)
     counts: dict[str, dict[str, int]] = {}
-    for cell, entry in journal.entries.items():
-        own = counts.setdefault(cell.split(" ")[0], {})
-        status = "unfinished" if entry.event == "start" else entry.status
-        own[status] = own.get(status, 0) + 1
+    for (stage, status), count in journal.said.counts().items():
+        counts.setdefault(stage, {})[status] = count
+    ended = Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
     stages = [
         {
             "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
-            **_progress(journal, name),
+            **_progress(journal, ended, [name]),
         }
         for name in _order(root, record)
     ]  # fmt: skip
@@ -87,7 +88,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     return {
         "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
         "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
-        **_progress(journal), **(_pace(journal, str(record["began"])) if running else {"rate": None, "left": None}),
+        **_progress(journal, ended), **(_pace(journal, str(record["began"])) if running else {"rate": None, "left": None}),
     }  # fmt: skip
 
 
@@ -101,14 +102,13 @@ def _order(root: Path, record: dict[str, Any]) -> list[str]:
     return list(record["nodes"])
 
 
-def _progress(journal: Read, stage: str | None = None) -> dict[str, Any]:
+def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:
     """Of the last run: how many cells it was asked for, and how many of them are there or have come to an end."""
     if journal.run is None:
         return {"planned": None, "finished": None}
-    stages = journal.run.planned if stage is None else [stage]
-    ended = [cell for cell in journal.run.ended if stage is None or cell.split(" ")[0] == stage]
+    stages = list({**ended, **journal.run.planned} if of is None else of)
     planned, todo = (sum(counts.get(name, 0) for name in stages) for counts in (journal.run.planned, journal.run.todo))
-    return {"planned": planned, "finished": max(planned - todo, 0) + min(len(ended), todo)}
+    return {"planned": planned, "finished": max(planned - todo, 0) + min(sum(ended.get(name, 0) for name in stages), todo)}
 
 
 def _pace(journal: Read, began: str) -> dict[str, float | None]:

@@ -14,39 +14,23 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 
 from etendue.archive import disk
+from etendue.archive.entries import EVENTS, Entries, Entry
 from etendue.archive.layout import STATUS
 from etendue.archive.shards import Shard
 from etendue.spec.ports import Written
 
-EVENTS = ("start", "done", "failed", "removed")
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError)  # what reading a damaged line may raise
+LARGEST = 2**62  # of a place in a file
 SUM = 18  # characters of ',"sum":"01234567"}'
-
-
-@dataclass(frozen=True)
-class Entry:
-    """The last word on one cell."""
-
-    event: str  # start | done | failed | removed
-    key: str
-    files: tuple[Written, ...] = ()
-    status: str = "done"
-    seconds: float = 0.0
-    clipped: float = 0.0
-    clipped_flux: float = 0.0
-    floored: float = 0.0
-    platform: str = ""  # an earlier one, on which it was computed and accepted
-    fresh: bool = False  # since the last run that ended in order
 
 
 @dataclass
@@ -62,7 +46,7 @@ class Going:
 class Read:
     """What a journal says."""
 
-    entries: dict[str, Entry] = field(default_factory=dict)
+    entries: MutableMapping[str, Entry] = field(default_factory=Entries)
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
     blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)  # by group and variable: how it is cut and encoded
@@ -72,13 +56,15 @@ class Read:
     damaged: int = 0  # lines that say nothing
     torn: bool = False  # behind the last whole line stands a piece of one
     files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
-    since: set[str] = field(default_factory=set)  # cells of which something is said since the last run that ended in order
+
+    @property
+    def said(self) -> Entries:
+        assert isinstance(self.entries, Entries)
+        return self.entries
 
     def close(self) -> None:
         """A run has ended in order: what was said until now need not be read back."""
-        for cell in self.since:
-            self.entries[cell] = replace(self.entries[cell], fresh=False)
-        self.since.clear()
+        self.said.close()
         self.shards = {path: replace(one, fresh=False) if one.fresh else one for path, one in self.shards.items()}
 
 
@@ -89,7 +75,7 @@ class Journal:
         self.root, self.durable = root, durable
         self.encoder = msgspec.json.Encoder()
         found = read(root / NAME)
-        self.entries, self.axes, self.arrays, self.run, self.damaged = found.entries, found.axes, found.arrays, found.run, found.damaged
+        self.entries, self.axes, self.arrays, self.run, self.damaged = found.said, found.axes, found.arrays, found.run, found.damaged
         self.blocks, self.shards, self.files_a_cell, self.torn = found.blocks, found.shards, found.files_a_cell, found.torn
         self.records = found.records
         self.handle: int | None = None
@@ -217,7 +203,7 @@ def _value(written: Any) -> Any:
     return float(written["float"]) if isinstance(written, dict) else written
 
 
-def read_journal(path: Path) -> dict[str, Entry]:
+def read_journal(path: Path) -> Mapping[str, Entry]:
     """The last line of every cell. A torn or foreign line counts as absent."""
     return read(path).entries
 
@@ -226,17 +212,60 @@ def read(path: Path) -> Read:
     """The last word on every cell, group and run."""
     found = Read()
     try:
-        data = path.read_bytes()
+        file = path.open("rb")
     except FileNotFoundError:
         return found
-    *lines, rest = data.split(b"\n")  # behind the last line end stands nothing, or a torn line
-    found.torn = bool(rest)
-    for line in lines:
-        try:
-            _take(found, _checked(line))
-        except UNFIT:
-            found.damaged += 1
+    with file:
+        for line in file:
+            if not line.endswith(b"\n"):  # behind the last line end stands nothing, or a torn line
+                found.torn = True
+            elif not _take_own(found, line[:-1]):
+                try:
+                    _take(found, _checked(line[:-1]))
+                except UNFIT:
+                    found.damaged += 1
     return found
+
+
+_Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
+
+
+class _OfACell(msgspec.Struct, forbid_unknown_fields=True, gc=False):
+    """A line that says something of a cell, as ``Journal`` writes it."""
+
+    event: Literal["start", "done", "failed", "removed"]
+    cell: str
+    key: str
+    sum: str
+    status: Literal["done", "left_out", "failed", "skipped", "not_computed"] = "done"
+    seconds: float = 0.0
+    clipped: float = 0.0
+    clipped_flux: float = 0.0
+    floored: float = 0.0
+    platform: str = ""
+    files: list[tuple[str, _Number, str, _Number, _Number, _Number]] = []
+
+
+_DECODE = msgspec.json.Decoder(_OfACell).decode
+
+
+def _take_own(found: Read, line: bytes) -> bool:
+    """A line of a cell that fits the checksum at its end, read in one go; whether it was one."""
+    if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
+        return False
+    try:
+        one = _DECODE(line)
+    except msgspec.DecodeError:
+        return False
+    said = found.said
+    row = said.say(one.cell, one.event, one.key, one.status, one.seconds, True)
+    said.add_rest(row, one.clipped, one.clipped_flux, one.floored, one.platform)
+    for file in one.files:
+        said.files.add(*file)
+    said.count[row] = len(one.files)
+    if found.run is not None and one.event in ("done", "failed"):
+        found.run.ended.add(one.cell)
+    return True
 
 
 def _says_something(line: bytes) -> bool:
@@ -307,7 +336,7 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
     elif event == "closed":
         found.close()
     else:
-        files = _files(found, value.get("files", ()))
+        files, a_cell = _files(value.get("files", ()))
         status = value.get("status", "done")
         if status not in STATUS:
             raise ValueError(f"unknown status {status!r}")
@@ -316,24 +345,26 @@ def _take(found: Read, value: Mapping[str, Any]) -> None:
         cell = _of(str, value["cell"])
         platform = _of(str, value.get("platform", ""))
         found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
-        found.since.add(cell)
+        found.files_a_cell += a_cell
         if found.run is not None and event in ("done", "failed"):
             found.run.ended.add(cell)
 
 
-def _files(found: Read, written: Any) -> tuple[Written, ...]:
-    """The chunks of a cell; those of an archive with a file for every chunk say only how large each was."""
-    files = []
+def _files(written: Any) -> tuple[tuple[Written, ...], int]:
+    """The chunks of a cell, and how many of them have a file of their own: of those an archive said only how large each was."""
+    files, a_cell = [], 0
     for one in written:
         if len(one) == 3:
             path, size, _ = one
-            found.files_a_cell += 1
+            a_cell += 1
             files.append(Written(_of(str, path), 0, "", 0, _of(int, size), 0))
         else:
             path, slot, part, *numbers = one
             offset, size, digest = (_of(int, n) for n in numbers)
-            files.append(Written(sys.intern(_of(str, path)), _of(int, slot), sys.intern(_of(str, part)), offset, size, digest))
-    return tuple(files)
+            files.append(Written(_of(str, path), _of(int, slot), _of(str, part), offset, size, digest))
+        if any(abs(n) > LARGEST for n in (files[-1].slot, files[-1].offset, files[-1].size, files[-1].digest)):
+            raise ValueError("a number beyond all files")
+    return tuple(files), a_cell
 
 
 def _block(written: Any) -> dict[str, Any]:

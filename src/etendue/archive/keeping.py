@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from etendue.archive.entries import Entry
 from etendue.archive.inputs import sweep_of
-from etendue.archive.journal import Entry
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.archive.provenance import records
 from etendue.archive.store import Archive
 from etendue.errors import ArchiveError

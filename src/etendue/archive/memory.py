@@ -60,8 +60,8 @@ class MemoryKeeper:
         self.status.update({(r.stage, r.index): r.status for r in reports})
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
 
-    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
-        return {}
+    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
+        return ()
 
     def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
         return {}

@@ -20,8 +20,9 @@ import numpy as np
 
 from etendue.archive import disk
 from etendue.archive.chunks import CODEC, decode
+from etendue.archive.entries import Entry
 from etendue.archive.finding import Finder
-from etendue.archive.journal import NAME, Entry, Read, read
+from etendue.archive.journal import NAME, Read, read
 from etendue.archive.manifest import DATA
 from etendue.archive.shards import Place, fits, part_path, read_bytes
 from etendue.errors import ArchiveError
@@ -105,9 +106,9 @@ class StoredArchive:
     cells : by name, those that are done
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, journal: Read | None = None) -> None:
         self.folder = folder
-        self.journal: Read = read(folder / NAME)
+        self.journal: Read = read(folder / NAME) if journal is None else journal
         self.finder = Finder(folder, self.journal)
         self._forms: dict[tuple[str, str], Form] = {}
 

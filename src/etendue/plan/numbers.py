@@ -20,11 +20,18 @@ class Numbers:
 
     def __init__(self, nodes: Iterable[Node], sizes: Mapping[str, int]) -> None:
         self.count = 0
+        self.counts: dict[str, int] = {}  # by node
         self.places: dict[str, tuple[int, tuple[int, ...]]] = {}
         for node in nodes:
             own = [sizes[dim] for dim in node.axes]
             self.places[node.name] = self.count, tuple(prod(own[place + 1 :]) for place in range(len(own)))
+            self.counts[node.name] = prod(own)
             self.count += prod(own)
+
+    def range(self, node: str) -> range:
+        """The numbers of the cells of a node."""
+        first = self.places[node][0]
+        return range(first, first + self.counts[node])
 
     def of(self, ref: CellRef) -> int:
         first, strides = self.places[ref[0]]

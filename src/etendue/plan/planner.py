@@ -140,8 +140,8 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "one_by_one": list(node.mapped) or None,
                 "left_out": omissions.left_out(node, cells, plan.precision),
                 "approximated": omissions.approximated(node, cells, plan.precision),
-                "bytes": sum(cost.cell_bytes(node, c, plan.precision, stored) for c in cells),
-                "seconds": sum(cost.cell_seconds(node, c, plan.precision) for c in cells),
+                "bytes": sum(count * cost.cell_bytes(node, c, plan.precision, stored) for c, count in cost.alike(cells)),
+                "seconds": sum(count * cost.cell_seconds(node, c, plan.precision) for c, count in cost.alike(cells)),
             }
         )
     return {
@@ -163,5 +163,6 @@ def summary(plan: Plan) -> dict[str, Any]:
 
 def peak_memory(plan: Plan, workers: int = 2) -> int:
     """Bytes a run is expected to hold above the interpreter: the largest cells in flight on every worker."""
-    largest = sorted((max(cost.cell_memory(n, c, plan.precision) for c in plan.of(n.name)) for n in plan.nodes), reverse=True)
+    every = ((node, cost.alike(plan.of(node.name))) for node in plan.nodes)
+    largest = sorted((max(cost.cell_memory(n, c, plan.precision) for c, _ in cells) for n, cells in every), reverse=True)
     return workers * sum(largest[:2])

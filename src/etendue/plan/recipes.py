@@ -35,6 +35,7 @@ class Recipes:
         self.words: dict[tuple[str, int], tuple[str, ...]] = {}
         self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
         self.heads: dict[tuple[Any, ...], Head] = {}
+        self.looked: dict[tuple[Any, ...], str] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
 
     def parameters(self, stage: Stage) -> str:
@@ -68,7 +69,7 @@ class Recipes:
             lines.append(seed.decode())  # values of ancestors count here even where a stage is left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
         if looks_at:
-            lines.append(AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at]))
+            lines.append(self.text_of_looked_at(node, one, looks_at))
         return versions, digest("\n".join(lines).encode())
 
     def head(self, node: Node, stage: Stage, one: Alternative, precision: str, averaged: bool, looks_at: Any) -> Head:
@@ -89,6 +90,16 @@ class Recipes:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
         found = self.heads[place] = AS_TEXT(fields), versions, "rng" in arguments_of(type(stage)) and not averaged
         return found
+
+    def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
+        """What counts of all that a cell looks at; remembered of transfer functions, since cells look at the same ones."""
+        place = (node.name, one.label, looks_at)
+        known = self.looked.get(place)
+        if known is None:
+            known = AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at])
+            if all(looks(reads_of(one.kind)[port]) == "transfer" for port, _ in looks_at):
+                self.looked[place] = known
+        return known
 
     def looked_at(self, one: Alternative, port: str, cells: list[Cell]) -> Any:
         """What counts of the cells that a stage looks at: of transfer functions the stages, left out or not."""
