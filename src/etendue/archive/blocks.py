@@ -24,8 +24,9 @@ Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
 class Held(MutableMapping[int, tuple[Written, Place]]):
     """The chunks that one shard is to hold, by slot, in columns: 60 bytes a chunk, where objects take 400."""
 
-    def __init__(self, path: str) -> None:
-        self.path, self.rows = path, dict[int, int]()
+    def __init__(self, path: str, slots: int) -> None:
+        self.path = path
+        self.rows = array("i", [-1]) * max(slots, 1)  # by slot
         self.written, self.file, self.offset = Files(), array("i"), array("q")
         self.files: list[str] = []  # in which they lie: few
 
@@ -33,8 +34,8 @@ class Held(MutableMapping[int, tuple[Written, Place]]):
         one, place = chunk
         if place.file not in self.files:
             self.files.append(place.file)
-        file, row = self.files.index(place.file), self.rows.get(slot)
-        if row is not None and self.written[row] == one:
+        file, row = self.files.index(place.file), self.rows[slot]
+        if row >= 0 and self.written[row] == one:
             self.file[row], self.offset[row] = file, place.offset
             return
         self.rows[slot] = len(self.written)
@@ -43,37 +44,46 @@ class Held(MutableMapping[int, tuple[Written, Place]]):
         self.offset.append(place.offset)
 
     def __getitem__(self, slot: int) -> tuple[Written, Place]:
-        row = self.rows[slot]
+        row = self._row(slot)
         one = self.written[row]
         return one, Place(self.files[self.file[row]], self.offset[row], one.size, one.digest)
 
     def __delitem__(self, slot: int) -> None:
-        del self.rows[slot]
+        self._row(slot)
+        self.rows[slot] = -1
 
     def __iter__(self) -> Iterator[int]:
-        return iter(self.rows)
+        return (slot for slot, _ in self._every())
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.rows) - self.rows.count(-1)
 
     def __contains__(self, slot: object) -> bool:
-        return slot in self.rows
+        return isinstance(slot, int) and self.rows[slot] >= 0
+
+    def _row(self, slot: int) -> int:
+        if self.rows[slot] < 0:
+            raise KeyError(slot)
+        return self.rows[slot]
+
+    def _every(self) -> Iterator[tuple[int, int]]:
+        return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
 
     def there(self) -> dict[int, tuple[int, int]]:
         """Offset and length of those that lie in the shard itself."""
         if self.path not in self.files:
             return {}
         own, size = self.files.index(self.path), self.written.size
-        return {slot: (self.offset[row], size[row]) for slot, row in self.rows.items() if self.file[row] == own}
+        return {slot: (self.offset[row], size[row]) for slot, row in self._every() if self.file[row] == own}
 
     def lying(self) -> set[str]:
         """The files in which they lie."""
-        return {self.files[number] for number in {self.file[row] for row in self.rows.values()}}
+        return {self.files[number] for number in {self.file[row] for _, row in self._every()}}
 
     def put(self, places: Mapping[int, tuple[int, int]]) -> None:
         """All of them lie in the shard now."""
         self.files = [self.path]
-        for slot, row in self.rows.items():
+        for slot, row in self._every():
             self.file[row], self.offset[row] = 0, places[slot][0]
 
 
@@ -95,7 +105,7 @@ class Blocks:
     def _of(self, path: str, slots: int) -> Held:
         own = self.wanted.get(path)
         if own is None:
-            own = self.wanted[path] = Held(path)
+            own = self.wanted[path] = Held(path, slots)
             self.slots[path] = slots
         return own
 

@@ -108,13 +108,10 @@ class Journal:
 
     def start(self, cells: Iterable[tuple[str, str]]) -> None:
         """Say that the chunks of these (cell, key) may be overwritten from now on."""
-        pairs = list(cells)
-        self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
-        for cell, key in pairs:
-            self.entries[cell] = Entry("start", key)
+        self._append({"event": "start", "cell": cell, "key": key} for cell, key in cells)
 
-    def end(self, cells: Iterable[tuple[str, Entry]]) -> None:
-        """Say that these cells are done (or failed): their chunks stand in their places."""
+    def end(self, cells: Iterable[tuple[str, Entry]], remember: bool = True) -> None:
+        """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in ``entries``."""
         pairs = list(cells)
         self._append(
             {
@@ -125,7 +122,7 @@ class Journal:
             }
             for cell, entry in pairs
         )  # fmt: skip
-        for cell, entry in pairs:
+        for cell, entry in pairs if remember else ():
             self.entries[cell] = entry
 
     def set_axes(self, axes: Mapping[str, Mapping[str, list[Any]]]) -> None:

@@ -6,7 +6,7 @@ Out: groups, places and chunks of cells; the store in memory (``tree``).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,13 +71,18 @@ class Laid:
         self.put_status(tree, entries, todo)
         return tree
 
-    def put_status(self, tree: Tree, entries: Entries, todo: Collection[CellRef] = ()) -> None:
-        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
+    def put_status(self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()) -> None:
+        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold.
+
+        ``ended``: by number of a cell, 1 above its status where it has ended in this run.
+        """
+        number = self.plan.numbers.of
         for path, layout in self.layout.groups.items():
             status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
             for ref, index in layout.cells.items():
-                found = entries.standing(self.names[ref], self.plan.cells[ref].key) if ref not in todo else ""
-                if found:
+                if ended and ended[number(ref)]:
+                    status[self.place(path, index)] = ended[number(ref)] - 1
+                elif ref not in todo and entries and (found := entries.standing(self.names[ref], self.plan.cells[ref].key)):
                     status[self.place(path, index)] = STATUS.index(found)
             tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
 

@@ -58,11 +58,8 @@ def index_size(slots: int) -> int:
 
 def index_bytes(slots: int, places: Mapping[int, tuple[int, int]]) -> bytes:
     """The index of a shard from (offset, length) by slot."""
-    index = np.full((slots, 2), NOTHING, "<u8")
-    if places:
-        index[list(places)] = list(places.values())
-    data = index.tobytes()
-    return data + int(google_crc32c.value(data)).to_bytes(4, "little")
+    data = Index.of(slots, places).index.tobytes()
+    return bytes(data) + int(google_crc32c.value(data)).to_bytes(4, "little")
 
 
 class Index(Mapping[int, tuple[int, int]]):
@@ -70,6 +67,13 @@ class Index(Mapping[int, tuple[int, int]]):
 
     def __init__(self, index: Any) -> None:
         self.index, self.there = index, (index != NOTHING).any(axis=1)
+
+    @classmethod
+    def of(cls, slots: int, places: Mapping[int, tuple[int, int]]) -> Index:
+        index = np.full((slots, 2), NOTHING, "<u8")
+        if places:
+            index[list(places)] = list(places.values())
+        return cls(index)
 
     def __getitem__(self, slot: int) -> tuple[int, int]:
         if not (0 <= slot < len(self.there) and self.there[slot]):
@@ -220,7 +224,7 @@ def put_shard(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[Writ
     finally:
         os.close(handle)
     moved = {slot: (written, Place(path, *places[slot], written.digest)) for slot, (written, _) in chunks.items()}
-    return Put(Shard(copied + len(data), kept_of(moved), True), places, copied - end)
+    return Put(Shard(copied + len(data), kept_of(moved), True), Index.of(slots, places) if slots else places, copied - end)
 
 
 def kept_of(chunks: Mapping[int, tuple[Written, Place]]) -> tuple[tuple[str, int, int, int], ...]:

@@ -35,6 +35,7 @@ from etendue.archive.finding import Finder
 from etendue.archive.frames import FRAMES
 from etendue.archive.journal import Journal, is_done
 from etendue.archive.laid import Laid
+from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.owner import ABANDONED, fresh_id
 from etendue.archive.parts import PARTS
@@ -207,11 +208,10 @@ class Archive:
             blocks.expect(self.laid.slots(ref), self.held.get(ref, ()))
         for ref in outdated:
             blocks.drop(self.laid.slots(ref))
-        self.lacking = set(todo)
+        self.todo, self.ended = todo, bytearray(self.plan.numbers.count)  # of cells that have ended: their status, from 1
         left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        if self.journal.entries:
-            planned = set(self.names.values())
-            left += [name for name in self.journal.entries.done() if name not in planned]
+        planned = set(self.names.values()) if self.journal.entries else set()
+        left += [name for name in self.journal.entries.done() if name not in planned]
         self.tree = self.laid.tree(self.journal.entries, todo)
         if todo or left or blocks.unsettled() or not self._is_as_it_was_left():
             self._change(set(finished), outdated, left)
@@ -335,9 +335,9 @@ class Archive:
             written = report.written if event == "done" else ()
             told = (written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
             lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
+            self.ended[self.plan.numbers.of(ref)] = STATUS.index(report.status) + 1
             complete += self.blocks.ended(self.laid.slots(ref), written)
-            self.lacking.discard(ref)
-        self.journal.end(lines)
+        self.journal.end(lines, remember=False)
         self.blocks.put(complete)
 
     # -- closing --------------------------------------------------------------------------------------
@@ -363,7 +363,7 @@ class Archive:
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the one before."""
         self.blocks.close()
-        self.laid.put_status(self.tree, self.journal.entries, self.lacking)
+        self.laid.put_status(self.tree, self.journal.entries, self.todo, self.ended)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:
