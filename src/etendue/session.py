@@ -61,7 +61,7 @@ class Outcome:
     archive: Path | None = None
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
-    arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+    arrays: Mapping[CellRef, dict[str, Any]] = field(default_factory=dict)
     shown_at: str = ""  # axis values of the cells in the pictures and headlines
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
     pruned: int = 0  # finished cells removed because it was asked for
@@ -162,8 +162,11 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
             fresh = tuple(r for r in result.reports if r.status != "loaded")
             for ref, found in keeper.finished(fresh, result.kept).items():
                 look = looks.get(ref)
-                small[ref] = thumbnails.only(look(found)) if look else {}
-                arrays[ref] = {v: a for v, a in found.items() if v not in small[ref] or (keeper.keeps_arrays and (ref[0], v) in kept)}
+                if look:
+                    small[ref] = thumbnails.only(look(found))
+                own = {v for v in found if (ref[0], v) in kept} if keeper.keeps_arrays else set[str]()
+                if not keeper.keeps_arrays or len(own) < len(found):  # else all of it stands where it is kept
+                    arrays[ref] = {v: a for v, a in found.items() if v in own or v not in small.get(ref, {})}
             result.kept, result.reports = {}, ()  # the scheduler holds on to its results; what is kept of them stands in its place now
             reports.take(fresh)
             progress.finished(fresh)
@@ -191,13 +194,16 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
             small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
             sheet = pictures.sheet(work.plan, shown, small, at)
         arrays.update(keeper.stored(there, figures_only=True))
+        standing = keeper.standing(arrays)
+        if work.plan is not plan:
+            standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}
         tree, files = keeper.close(tabled(), sheet, reports.count(FAILED) > 0)
     reports.reuse(ref for ref in earlier if ref in reports)
     restored = _restored(work, reports) if options.restore else 0
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
         plan, reports.of(plan, work.cells),
         {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
-        files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
+        files, standing, at, work.removed, work.pruned, work.stay,
         work.mended, work.moved, restored,
     )  # fmt: skip
 

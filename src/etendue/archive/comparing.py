@@ -110,6 +110,9 @@ class ComparingKeeper:
     def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
         return {}
 
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        return others
+
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return False
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
+from typing import Any
 
 from etendue.archive.layout import STATUS
 from etendue.spec.ports import Written
@@ -163,6 +164,11 @@ class Entries(MutableMapping[str, Entry]):
         """The names of the cells that are done."""
         done = _EVENT["done"]
         return (name for name, row in self.rows.items() if self.event[row] == done)
+
+    def done_beside(self, names: Mapping[Any, str]) -> list[str]:
+        """The names of the cells that are done and are none of these."""
+        known = set(names.values()) if self.rows else set()
+        return [name for name in self.done() if name not in known]
 
     def files_of_done(self) -> Iterator[Written]:
         return (file for name in self.done() for file in self.written(self.rows[name]))

@@ -200,7 +200,8 @@ class Archive:
 
         ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
         """
-        if fresh := accepted(self.former, self.plan, {ref: self.journal.entries[self.names[ref]] for ref in finished}):
+        was = ((ref, self.journal.entries[self.names[ref]]) for ref in finished)
+        if fresh := accepted(self.former, self.plan, was):
             self.change()
             self.journal.end((self.names[ref], entry) for ref, entry in fresh)
         blocks = self.blocks
@@ -210,8 +211,7 @@ class Archive:
             blocks.drop(self.laid.slots(ref))
         self.todo, self.ended = todo, bytearray(self.plan.numbers.count)  # of cells that have ended: their status, from 1
         left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        planned = set(self.names.values()) if self.journal.entries else set()
-        left += [name for name in self.journal.entries.done() if name not in planned]
+        left += self.journal.entries.done_beside(self.names)
         self.tree = self.laid.tree(self.journal.entries, todo)
         if todo or left or blocks.unsettled() or not self._is_as_it_was_left():
             self._change(set(finished), outdated, left)

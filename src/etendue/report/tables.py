@@ -47,9 +47,16 @@ def ledger(plan: Plan, reports: Reports) -> Table:
     def rest(place: int) -> Callable[[int], Any]:
         return lambda number: reports.rest.get(number, NOTHING)[place]
 
+    alike: dict[tuple[Any, ...], float] = {}
+
     def saved(cell: Cell) -> float:
-        found = omissions.saved(nodes[cell.node], cell, plan.precision)
-        return math.nan if found is None else found
+        if not (cell.left_out or cell.approximated):
+            return 0.0
+        place = cell.node, id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None, cell.approximated
+        if place not in alike:
+            found = omissions.saved(nodes[cell.node], cell, plan.precision)
+            alike[place] = math.nan if found is None else found
+        return alike[place]
 
     put("stage", "stage", lambda c: c.node)
     put("use", "implementation", lambda c: c.use)

@@ -116,6 +116,9 @@ class Keeper(Protocol):
 
     def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]: ...
 
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not keep."""
+
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...

@@ -148,7 +148,7 @@ def _plan_of(plan: Plan, stored: Stored) -> Plan:
     sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
     there = stored.variables()
-    kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.entries, there)
+    kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.said, there)
     return kept
 
 
