@@ -19,6 +19,7 @@ from etendue.spec.capabilities import Sampled, is_random
 from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of
 
 NONE: Mapping[str, str] = MappingProxyType({})
+Lines = frozenset[str]
 Head = tuple[str, Mapping[str, str], bool]  # text, versions of libraries, whether draws count
 AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
@@ -37,6 +38,9 @@ class Recipes:
         self.heads: dict[tuple[Any, ...], Head] = {}
         self.looked: dict[tuple[Any, ...], str] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
+        self.behind: dict[CellRef, Lines | None] = {}
+        self.alike: dict[tuple[Any, ...], Lines | None] = {}
+        self.seeds: dict[tuple[Any, ...], bytes] = {}
 
     def parameters(self, stage: Stage) -> str:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
@@ -126,6 +130,14 @@ class Recipes:
         if asking.common_draws(stage):
             return f"{self.pipeline_seed}|{node.name}|".encode(), ()
         quantities = quantities_of(type(stage))
+        read = [ref for port, ref, _ in inputs if port not in quantities] + [ref for _, refs in looks_at for ref in refs]
+        lines_behind = [self.lines_behind(ref) for ref in read]
+        if None not in lines_behind and not any(port in quantities for port, _, _ in inputs):
+            place = node.name, id(stage), *map(id, lines_behind)
+            if place not in self.seeds:
+                every = frozenset(self.lines(node.name, stage)).union(*(lines for lines in lines_behind if lines))
+                self.seeds[place] = words.seed_of(self.pipeline_seed, node.name, every)
+            return self.seeds[place], ()
         looked = [self.cells[ref] for _, refs in looks_at for ref in refs]
         cells = words.behind(self.cells, [*(self.cells[ref] for p, ref, _ in inputs if p not in quantities), *looked])
         lines = set(self.lines(node.name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
@@ -135,6 +147,22 @@ class Recipes:
             return words.seed_of(self.pipeline_seed, node.name, lines), ()
         awaited = tuple(words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found)
         return "\n".join(sorted(lines)).encode(), awaited
+
+    def lines_behind(self, ref: CellRef) -> Lines | None:
+        """The words of a cell and of all that it reads through its ports, at any distance; None where a run finds one of their values.
+
+        One set for all cells of a stage that read cells of the same sets.
+        """
+        if ref in self.behind:
+            return self.behind[ref]
+        cell = self.cells[ref]
+        before = [None] if cell.found else [self.lines_behind(source) for _, source, _ in cell.inputs]
+        place = cell.node, id(cell.stage), *map(id, before)
+        if place not in self.alike:
+            every = frozenset(self.lines(cell.node, cell.stage)).union(*(lines for lines in before if lines))
+            self.alike[place] = None if None in before else every
+        found = self.behind[ref] = self.alike[place]
+        return found
 
     def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
         """A stage's words, taken once: it serves many cells."""
