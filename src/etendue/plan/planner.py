@@ -27,7 +27,7 @@ INSTALLED: Mapping[str, str] = MappingProxyType({})
 
 
 @contextmanager
-def _without_collecting() -> Iterator[None]:
+def without_collecting() -> Iterator[None]:
     """Cells hold no circles, and looking for some through all of them takes a tenth of the time."""
     collecting = gc.isenabled()
     gc.disable()
@@ -38,7 +38,7 @@ def _without_collecting() -> Iterator[None]:
             gc.enable()
 
 
-@_without_collecting()
+@without_collecting()
 def make_plan(
     pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
     expected: bool = False, computed: frozenset[str] = frozenset(), versions: Mapping[str, str] = INSTALLED,
