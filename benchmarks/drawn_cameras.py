@@ -273,7 +273,7 @@ class Drawn:
             scaled["spot_sigma"], scaled["pitch"] = spacing, spacing * self.between(10, 50)
         if "file" in parameters_of(self.registry.load(chosen)):
             scaled["file"] = self.photograph()
-        frequencies = {n for n, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "um-1"}
+        frequencies = {n for n, (p, _, _) in parameters_of(self.registry.load(chosen)).items() if p.units == "cycles/um"}
         self.add(
             "scene", chosen, 0.15, white_luminance=self.between(*SPANS["white_luminance"]), width=across * spacing, height=down * spacing,
             spacing=spacing, light="cells" if self.cells else "bandlimited", wavelength_from=low, wavelength_to=high, bin_width=width,

@@ -1,24 +1,32 @@
-"""One digest per array, whoever computes it: schedulers, workers, batch sizes, hash seeds, killed and resumed or not.
+"""One digest per array, whoever computes it: schedulers, workers, batches, hash seeds, killed and resumed, grown, compacted, in strips.
 
-    python benchmarks/identity.py [--pipeline pipelines/smallest.toml]
+    python benchmarks/identity.py [--pipeline pipelines/smallest.toml] [--only threads]
 
 In:  a pipeline, run in every way of the table, each in a process of its own and an archive of its own.
-Out: the ways; then every array of the stages with its one digest, or the digests that differ and by which ways. Exit code 1 if any do.
+Out: the ways and their CPU seconds; then every array of the stages with its one digest, or the digests that differ and by which ways. Exit
+     code 1 if any do.
+
+Compacted: the archive is written anew by `compact` and looked at there. Grown: a run of the value in the middle of every axis, then of
+all. Strips: frames of any size are worked in strips of eight rows behind the sensor, as frames above 2 Mpixel are. Bands: cells of any
+size are stored in bands of rows, as those above 64 MB are.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ("ledger", "summary", "frames")
@@ -33,45 +41,86 @@ class Way:
     batch_seconds: float = 0.1
     hash_seed: int = 0
     killed: bool = False  # killed -9 under way, and run again
+    grown: bool = False
+    compacted: bool = False
+    strips: bool = False
+    bands: bool = False
 
     def __str__(self) -> str:
-        again = ", killed and resumed" if self.killed else ""
-        return f"{self.scheduler} x {self.workers}, batches of {self.batch_seconds:g} s, hash seed {self.hash_seed}{again}"
+        more = [name for name in ("killed", "grown", "compacted", "strips", "bands") if getattr(self, name)]
+        return (
+            f"{self.scheduler} x {self.workers}, batches of {self.batch_seconds:g} s, hash seed {self.hash_seed} {' '.join(more)}".rstrip()
+        )
 
 
 WAYS = (
-    Way(), Way(hash_seed=1), Way(batch_seconds=0.0), Way(batch_seconds=1e3), Way(killed=True),
-    *(Way("threads", n, hash_seed=n) for n in (1, 2, 4)), Way("threads", 2, 0.0), Way("threads", 4, 0.01, 3, True),
-    *(Way("processes", n, hash_seed=n) for n in (1, 2, 4)), Way("processes", 2, 0.0), Way("processes", 2, 0.01, 3, True),
-    *(Way("distributed", n, hash_seed=n) for n in (1, 2, 4)), Way("distributed", 2, 0.0), Way("distributed", 2, 0.01, 3, True),
+    Way(), Way(hash_seed=1), Way(batch_seconds=0.0), Way(batch_seconds=1e3), Way(killed=True), Way(compacted=True),
+    Way(grown=True, compacted=True), Way(strips=True), Way(strips=True, batch_seconds=1e3, hash_seed=2),
+    *(Way("threads", n, hash_seed=n) for n in (1, 2, 4)), Way("threads", 2, 0.0), Way("threads", 4, 0.01, 3, killed=True, compacted=True),
+    Way("threads", 2, strips=True), Way(bands=True), Way("threads", 2, bands=True, strips=True, grown=True, compacted=True),
+    *(Way("processes", n, hash_seed=n) for n in (1, 2, 4)), Way("processes", 2, 0.0), Way("processes", 2, 0.01, 3, killed=True),
+    *(Way("distributed", n, hash_seed=n) for n in (1, 2, 4)), Way("distributed", 2, 0.0), Way("distributed", 2, 0.01, 3, killed=True),
 )  # fmt: skip
+PROGRAM = """
+import json, sys
+from pathlib import Path
+
+def main(pipeline, archive, overrides, strips, bands, options):
+    from etendue.plan.planner import make_plan
+    from etendue.registry import installed_stages
+    from etendue.archive import pieces
+    from etendue.plan import cost, strips as cut
+    from etendue.session import Options, execute, load
+
+    if strips:
+        cut.LARGEST_WHOLE, cut.STRIP, cut.TILE, cut.HALOS = 0, 1, 8, 2
+    if bands:
+        pieces.LARGEST_CHUNK = 4096
+    made = execute(make_plan(load(Path(pipeline), overrides), installed_stages()), archive, Options(**options))
+    sys.exit(len(made.failed) and 3)
+
+if __name__ == "__main__":
+    main(*json.loads(sys.argv[1]))
+"""
 
 
-def once(pipeline: Path, archive: Path, way: Way) -> subprocess.Popen[bytes]:
-    program = (
-        "import sys; from pathlib import Path; from etendue.plan.planner import make_plan; from etendue.registry import installed_stages; "
-        "from etendue.session import Options, execute, load; "
-        "execute(make_plan(load(Path(sys.argv[1])), installed_stages()), sys.argv[2], "
-        f"Options(scheduler={way.scheduler!r}, workers={way.workers}, batch_seconds={way.batch_seconds!r}))"
-    )
-    guarded = f"if __name__ == '__main__':\n    {program}"
+def once(pipeline: Path, archive: Path, way: Way, overrides: dict[str, Any]) -> subprocess.Popen[bytes]:
+    options = {"scheduler": way.scheduler, "workers": way.workers, "batch_seconds": way.batch_seconds}
+    given = json.dumps([str(pipeline), str(archive), overrides, way.strips, way.bands, options])
     env = {**os.environ, "PYTHONHASHSEED": str(way.hash_seed)}
-    return subprocess.Popen([sys.executable, "-c", guarded, str(pipeline), str(archive)], env=env, stderr=subprocess.PIPE)
+    return subprocess.Popen([sys.executable, str(archive.parent / "program.py"), given], env=env, stderr=subprocess.PIPE)
 
 
-def run(pipeline: Path, archive: Path, way: Way) -> None:
-    """One way, to its end; one that is killed has finished some cells by then and not all."""
-    process = once(pipeline, archive, way)
+def run(pipeline: Path, archive: Path, way: Way) -> Path:
+    """One way, to its end: where the archive is. One that is killed has finished some cells by then and not all.
+
+    Raises
+    ------
+    RuntimeError
+        A run fails, or ends before it could be killed.
+    """
+    (archive.parent / "program.py").write_text(PROGRAM)
+    if way.grown:
+        axes = tomllib.loads(pipeline.read_text())["sweep"]
+        ended(once(pipeline, archive, way, {f"sweep.{axis}": [values[(len(values) - 1) // 2]] for axis, values in axes.items()}), way)
     if way.killed:
-        journal = archive / "journal.jsonl"
+        process, journal = once(pipeline, archive, way, {}), archive / "journal.jsonl"
         while process.poll() is None and not (journal.exists() and journal.read_bytes().count(b'"done"') > 20):
-            time.sleep(0.005)
+            time.sleep(0.002)
         process.send_signal(signal.SIGKILL)
         process.communicate()
-        process = once(pipeline, archive, way)
+        if process.returncode != -signal.SIGKILL:
+            raise RuntimeError(f"{way}: ended before it was killed")
+    ended(once(pipeline, archive, way, {}), way)
+    if way.compacted:
+        subprocess.run([sys.executable, "-m", "etendue", "compact", archive, f"{archive}-compact"], check=True, stdout=subprocess.DEVNULL)
+    return Path(f"{archive}-compact") if way.compacted else archive
+
+
+def ended(process: subprocess.Popen[bytes], way: Way) -> None:
     _, said = process.communicate()
     if process.returncode:
-        raise SystemExit(f"{way}: {said.decode()}")
+        raise RuntimeError(f"{way}: {said.decode()}")
 
 
 def digests(archive: Path) -> Iterator[tuple[str, str]]:
@@ -97,10 +146,10 @@ def main() -> int:
     ways = [way for way in WAYS if not given.only or way.scheduler in ("serial", *given.only)]
     with tempfile.TemporaryDirectory() as place:
         for number, way in enumerate(ways):
-            print(way, flush=True)
-            run(given.pipeline, Path(place) / str(number), way)
-            for array, digest in digests(Path(place) / str(number)):
+            began = sum(os.times()[:4])
+            for array, digest in digests(run(given.pipeline, Path(place) / str(number), way)):
                 found.setdefault(array, {}).setdefault(digest, []).append(way)
+            print(f"{way}: {sum(os.times()[:4]) - began:.1f} s of CPU", flush=True)
     one = 0
     for array, by_digest in sorted(found.items()):
         ((first, agree), *others) = sorted(by_digest.items(), key=lambda item: -len(item[1]))

@@ -19,7 +19,8 @@ import numpy as np
 import xarray
 
 import etendue
-from etendue.report.maps import Axes, map_of_names, map_of_numbers
+from etendue.plots.panels import Sides, map_of_names, map_of_numbers
+from etendue.plots.plot import Plot
 
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "resolution.toml"
 BOUND = 0.5  # per cent of MTF50, noise-free, before the mosaic
@@ -36,15 +37,13 @@ def drawn(tree: xarray.DataTree, folder: Path) -> None:
     f_numbers, pitches = analytic.f_number.values, analytic.pixel_pitch.values
     sides = {"x": f_numbers, "y": pitches, "x_name": "f-number", "y_name": "pixel pitch, um"}
     values = analytic.mtf50_lp_mm.transpose("stage", "pixel_pitch", "f_number").values
-    map_of_numbers(
-        values, Axes(panels=analytic.stage.values, **sides), folder / "mtf50_by_stage.png", "MTF50 up to each stage, analytic", "lp/mm"
-    )
+    figure = map_of_numbers(values, Sides(panels=analytic.stage.values, **sides), "MTF50 up to each stage, analytic", "lp/mm")
+    Plot(figure).save(folder / "mtf50_by_stage.png")
     longest = measured.isel(integration_time=-2)
     edges = 1e3 * longest.edge_mtf50.transpose("stage", "pixel_pitch", "f_number")
-    map_of_numbers(
-        edges.values, Axes(panels=edges.stage.values, **sides), folder / "edge_mtf50_by_stage.png",
-        f"MTF50 measured on a slanted edge, {1e3 * float(longest.integration_time):g} ms", "lp/mm",
-    )  # fmt: skip
+    title = f"MTF50 measured on a slanted edge, {1e3 * float(longest.integration_time):g} ms"
+    figure = map_of_numbers(edges.values, Sides(panels=edges.stage.values, **sides), title, "lp/mm")
+    Plot(figure).save(folder / "edge_mtf50_by_stage.png")
     panels = ["transfer functions alone", *(f"{1e3 * t:g} ms" for t in measured.integration_time.values)]
     factors = np.concatenate(
         [
@@ -53,7 +52,8 @@ def drawn(tree: xarray.DataTree, folder: Path) -> None:
         ]
     )
     names = [str(n) for n in measured.factor.values]
-    map_of_names(factors, names, Axes(panels=panels, **sides), folder / "limiting_factor.png", "What limits resolution (white: clipped)")
+    figure = map_of_names(factors, names, Sides(panels=panels, **sides), "What limits resolution", said="clipped")
+    Plot(figure).save(folder / "limiting_factor.png")
 
 
 def differences(tree: xarray.DataTree) -> None:

@@ -105,15 +105,14 @@ def peak() -> int:
 def measure(way: str, asked: argparse.Namespace) -> None:
     from etendue import discovery, session
     from etendue.hookspecs import GROUP
-    from etendue.plan import planner
+    from etendue.plan import planner, strips
     from etendue.registry import installed_stages
-    from etendue.run import walks
 
     own = discovery.Discovery([*discovery.installed().points, EntryPoint("frames", "raw_to_colour", GROUP)])
     discovery.installed = lambda: own
     registry = installed_stages()
     if way == "whole":
-        walks.LARGEST_WHOLE = 1 << 62
+        strips.LARGEST_WHOLE = 1 << 62
 
     def run(rows: int, columns: int, folder: str) -> Any:
         plan = planner.make_plan(session.from_document(pipeline(asked.start, rows, columns)), registry)
@@ -126,6 +125,7 @@ def measure(way: str, asked: argparse.Namespace) -> None:
         outcome = run(asked.rows, asked.columns, folder)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         found = {"memory": peak() - base, "base": base, "wall": wall, "cpu": cpu, "failed": [r.message for r in outcome.failed]}
+        found["expected"] = strips.peak_memory(outcome.plan, workers=1)
         if outcome.tree is None:
             import xarray
 
@@ -158,7 +158,8 @@ def main() -> int:
         assert not found["failed"], found["failed"]
         digests.add(found["digest"])
         memory = f"{found['memory'] / 1e6:6.0f} MB above {found['base'] / 1e6:.0f}   {found['memory'] / pixels:6.1f} bytes a pixel"
-        print(f"{way:10s} peak {memory}   CPU {found['cpu']:6.2f} s   wall {found['wall']:6.2f} s")
+        expected = f"{found['expected'] / 1e6:.0f} MB expected by the plan"
+        print(f"{way:10s} peak {memory}, {expected}   CPU {found['cpu']:6.2f} s   wall {found['wall']:6.2f} s")
     print("same bits" if len(digests) == 1 else f"other bits: {digests}")
     return len(digests) != 1
 

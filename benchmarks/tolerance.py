@@ -1,6 +1,6 @@
 """What a tolerance buys: four pipelines, five tolerances: cells left out, knobs chosen, global error, seconds of the stages.
 
-    python benchmarks/tolerance.py [--pipelines sweep ...] [--tolerances 1e-2 ...] [--hold] [--repeats 2] [--json]
+    python benchmarks/tolerance.py [--pipelines sweep ...] [--tolerances 1e-2 ...] [--hold] [--repeats 2] [--whole-frames] [--json]
 
 Seconds are thread time of the stages, storage apart, the least of some runs; "whole" is the same with nothing left out at default
 knobs, "reference" the run of --nothing-left-out, "cells" places of the sweep at which the global error is measured. With --hold each row
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,12 +54,11 @@ def told(spent: dict[str, float]) -> str:
     return f"{sum(spent.values()):7.2f} s: light and optics {light:.2f}, resolution {spent.get('resolution', 0.0):.2f}"
 
 
-def rows(name: str, tolerances: list[float], holds: bool, repeats: int, cells: int) -> list[dict[str, Any]]:
-    registry, pipeline = installed_stages(), load(FOLDER / f"{name}.toml", SMALLER.get(name))
-    pipeline = replace(pipeline, wanted=pipeline.wanted)
+def rows(name: str, tolerances: list[float], holds: bool, repeats: int, cells: int, smaller: Mapping[str, Any]) -> list[dict[str, Any]]:
+    registry, pipeline = installed_stages(), load(FOLDER / f"{name}.toml", smaller.get(name))
     whole = seconds(make_plan(pipeline, registry, False), repeats)
-    if name in SMALLER:
-        print(f"{name} with {', '.join(f'{key} = {value}' for key, value in SMALLER[name].items())}")
+    if name in smaller:
+        print(f"{name} with {', '.join(f'{key} = {value}' for key, value in smaller[name].items())}")
     print(f"{name}\n  whole      {told(whole)}", flush=True)
     exact = seconds(make_plan(reference_of(pipeline, registry).pipeline, registry), 1)
     print(f"  reference  {told(exact)}", flush=True)
@@ -91,12 +91,13 @@ def main() -> None:
     parser.add_argument("--hold", action="store_true")
     parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--cells", type=int, default=8)
+    parser.add_argument("--whole-frames", action="store_true", help="every pipeline as it stands in its file")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     found = []
     for name in given.pipelines:
         try:
-            found += rows(name, given.tolerances, given.hold, given.repeats, given.cells)
+            found += rows(name, given.tolerances, given.hold, given.repeats, given.cells, {} if given.whole_frames else SMALLER)
         except RequestError as error:
             print(f"{name}: {error}")
     if given.json:

@@ -20,7 +20,10 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from processes import of_session, still
 
 from tests.archive.tiny import store_of
 
@@ -73,25 +76,9 @@ def interrupted(pipeline: Path, archive: Path, scheduler: str, sent: signal.Sign
     _, said = process.communicate(timeout=120)
     seconds = time.monotonic() - began
     left = [str(path.name) for path in archive.rglob("*.partial")]
-    until = time.monotonic() + 5
-    while (still := processes_of(process.pid)) and time.monotonic() < until:
-        time.sleep(0.05)
-    left += [f"process {pid}" for pid in still]
+    left += [f"process {pid}" for pid in still(of_session(process.pid), 5.0)]
     lines = [line for line in said.splitlines() if not line.startswith("note: ")]  # what stages have to say stands there before
     return Ended(sent, wait / whole, process.returncode, lines, seconds, left)
-
-
-def processes_of(session: int) -> list[int]:
-    """Processes of a session that still run."""
-    found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = status.read_text().rsplit(")", 1)[1].split()
-        except (OSError, IndexError):
-            continue
-        if int(fields[3]) == session and fields[0] != "Z":
-            found.append(int(status.parent.name))
-    return found
 
 
 def same(first: Path, second: Path) -> bool:

@@ -1,27 +1,62 @@
 """etendue: a digital camera, from scene light to display colour, as a graph of replaceable stages."""
 
-from typing import Any
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["read_pipeline", "simulate"]
+if TYPE_CHECKING:
+    from etendue.archive.places import open_archive
+    from etendue.composing.pipeline import Pipeline, span
+    from etendue.plots.accessor import show
+    from etendue.session import simulate
+    from etendue.spec.pipeline import read_pipeline
+
+__all__ = ["Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
+
+_PLACES = {
+    "Pipeline": "etendue.composing.pipeline",
+    "show": "etendue.plots.accessor",
+    "span": "etendue.composing.pipeline",
+    "simulate": "etendue.session",
+    "read_pipeline": "etendue.spec.pipeline",
+    "open_archive": "etendue.archive.places",
+}
 
 
-def simulate(*args: Any, **kwargs: Any) -> Any:
-    """Run a pipeline (path, TOML text or mapping) and return its ``xarray.DataTree``.
+class _Package(ModuleType):
+    """Imports what is asked for; ``stages`` is every installed stage by its name, though the package of that name has been imported."""
 
-    Keywords: ``archive`` (folder to keep and resume; default in memory), ``want`` (variables), ``scheduler`` (serial, threads,
-    processes, tcp://...), ``workers``, ``leave_out``. All others are parameters: camera quantities by name, those of a stage as
-    ``stage__parameter``; a list makes a sweep axis: ``simulate("paper.toml", f_number=[2, 4], sharpen__strength=0.3)``.
-    Raises ``RequestError`` with every fault of the file.
-    """
-    from etendue.session import simulate as run
+    def __getattr__(self, name: str) -> Any:
+        if name in _PLACES:
+            from importlib import import_module
 
-    return run(*args, **kwargs)
+            found = getattr(import_module(_PLACES[name]), name)
+            _with_plots()
+            return found
+        raise AttributeError(f"module 'etendue' has no attribute {name!r}")
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *__all__})
+
+    @property
+    def stages(self) -> Any:
+        """Installed stages as functions that place them in a pipeline."""
+        from etendue.composing.stages import STAGES
+
+        return STAGES
+
+    @stages.setter
+    def stages(self, module: ModuleType) -> None:
+        """The import of the package ``etendue.stages`` ends here."""
 
 
-def read_pipeline(path: Any) -> Any:
-    """The pipeline in a file, checked for form."""
-    from pathlib import Path
+sys.modules[__name__].__class__ = _Package
 
-    from etendue.spec.pipeline import read_pipeline as read
 
-    return read(Path(path))
+def _with_plots() -> None:
+    """``tree.etendue``, where xarray is there; else xarray asks for it when it first opens something."""
+    if "xarray" in sys.modules:
+        from etendue.plots import accessor  # noqa: F401
+
+
+_with_plots()

@@ -12,15 +12,15 @@ from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import ends
 from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
 from etendue.spec.parameter import param
-from etendue.spec.roles import Displaying, EdgeScene, FlatScene, InSilicon, Noisy, Scaled
+from etendue.spec.roles import Datasheet, Displaying, EdgeScene, FlatScene, InSilicon, Noisy, Scaled
 from etendue.spec.stage import Stage, file_state
 from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
-    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "Displaying", "EdgeScene", "EtendueError", "Facts", "Fault", "FlatScene",
-    "Grid", "Haloed", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Scaled", "Source",
-    "Stage", "Summed", "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param",
-    "proved", "quantity",
+    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "Datasheet", "Displaying", "EdgeScene", "EtendueError", "Facts", "Fault",
+    "FlatScene", "Grid", "Haloed", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Scaled",
+    "Source", "Stage", "Summed", "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured",
+    "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip
 
 

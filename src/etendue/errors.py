@@ -6,6 +6,7 @@ EtendueError
 ├── ArchiveError        the person with the archive                             exit 2
 │   └── ArchiveInUse    another run owns it                                     exit 4
 └── MachineError        the machine is short of disk or memory, or a cluster gone   exit 5
+    └── StoreLost       an object store cannot be reached, or has failed        exit 1
 """
 
 from __future__ import annotations
@@ -101,6 +102,12 @@ class MachineError(EtendueError):
     """The machine is short of disk or memory for this request, or the cluster that should compute it is gone."""
 
     exit_code = 5
+
+
+class StoreLost(MachineError):
+    """An object store cannot be reached, or has failed."""
+
+    exit_code = 1
 
 
 _SHORT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.ENOMEM, errno.EMFILE, errno.ENFILE})

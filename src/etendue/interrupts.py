@@ -56,6 +56,11 @@ def say(line: str) -> None:
     _State.line = line
 
 
+def line() -> str:
+    """What is said now when a signal comes."""
+    return _State.line
+
+
 def _answer(number: int, frame: FrameType | None) -> None:
     _State.noted = _State.noted or number
     _State.count += 1

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from etendue.errors import PluginError
 from etendue.spec.stage import COORDINATES, SPECIAL, Stage, reads_of, writes_of
+from etendue.spec.units import same_unit
 from etendue.spec.variables import Declaration, variable
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
             dims = " ".join(map(str, array.dims))
             raise PluginError(f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'")
         unit = array.attrs.get("units", declared.unit)
-        if unit != declared.unit:
+        if not same_unit(unit, declared.unit):
             raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
         for dim in declared.dims:
             if dim in array.coords and dim in data.coords and not array.coords[dim].equals(data.coords[dim]):

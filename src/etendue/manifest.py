@@ -27,7 +27,8 @@ def etendue_stages() -> dict[str, str]:
 
 @hookimpl
 def etendue_variables() -> dict[str, Any]:
-    return _table("variables")
+    found, better = _table("variables"), {name: word for word, names in _table("better").items() for name in names}
+    return {name: {**declared, "better": better[name]} if name in better else declared for name, declared in found.items()}
 
 
 @hookimpl

@@ -58,7 +58,7 @@ class Outcome:
     reused: set[CellRef]
     seconds: float
     reasons: dict[str, str] = field(default_factory=dict)
-    archive: Path | None = None
+    archive: Path | str | None = None
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
     arrays: Mapping[CellRef, dict[str, Any]] = field(default_factory=dict)
@@ -119,13 +119,24 @@ def execute(
 ) -> Outcome:
     """Compute what a plan asks for and is not there yet; ``into``: who takes the results, in the place of an archive.
 
+    An archive may be a URL of an object store: the run works in a folder here, and what has changed in it is put there.
+
     Raises
     ------
     ArchiveError, ArchiveInUse, MachineError
         Before anything is computed.
+    StoreLost
+        At any time; what is finished is kept.
     """
     options, progress = options or Options(), progress or _Silent()
     check_timeout(options)
+    if archive is not None and "://" in str(archive):
+        from etendue.archive import places
+
+        with places.writing(archive, options.scheduler) as folder:
+            outcome = execute(plan, folder, options, progress)
+        placed: Outcome = places.placed(outcome, folder, archive)
+        return placed
     from etendue.report import pictures, tables, thumbnails  # noqa: F401  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
@@ -136,7 +147,7 @@ def execute(
 
 
 def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) -> Outcome:
-    from etendue.report import pictures, tables, thumbnails
+    from etendue.report import pictures, small_maps, tables, thumbnails
 
     began, at = time.perf_counter(), where_shown(plan)
     with keeping as keeper:
@@ -192,7 +203,9 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         sheet = None
         if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
             small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
-            sheet = pictures.sheet(work.plan, shown, small, at)
+            sheet = pictures.sheet(work.plan, shown, small, at, lambda: _maps(work, keeper, reports))
+        elif keeper.folder and any(ref in reports and ref in work.todo for one in small_maps.small_maps(work.plan) for ref in one.cells):
+            sheet = pictures.same_pictures(keeper.folder, lambda: _maps(work, keeper, reports))
         arrays.update(keeper.stored(there, figures_only=True))
         standing = keeper.standing(arrays)
         if work.plan is not plan:
@@ -206,6 +219,19 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         files, standing, at, work.removed, work.pruned, work.stay,
         work.mended, work.moved, restored,
     )  # fmt: skip
+
+
+def _maps(work: Work, keeper: Keeper, reports: Reports) -> list[Any]:
+    """Maps of figures over the sweep, as they stand on the contact sheet."""
+    from etendue.report import small_maps
+
+    chosen = small_maps.small_maps(work.plan) if keeper.folder else []
+    refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
+    states = {ref: reports[ref].status for ref in refs if ref in reports}
+    figures = keeper.stored(
+        [ref for ref, state in states.items() if state in ("done", "left_out")], True, frozenset(one.variable for one in chosen)
+    )
+    return small_maps.all_drawn(chosen, figures, [ref for ref, state in states.items() if state in ("failed", "skipped")])
 
 
 def collect(
@@ -306,7 +332,7 @@ def simulate(
     Parameters
     ----------
     pipeline : path, TOML text, or mapping
-    archive : folder to keep and resume, or None to stay in memory
+    archive : folder, or s3://bucket/prefix/name, to keep and resume; or None to stay in memory
     want : variables to compute, instead of the file's ``wanted``
     scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
     leave_out : whether what the scene does not need may be left out
@@ -351,8 +377,14 @@ def simulate(
         raise PluginError(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: {first.message}"
         )
+    from etendue.plots import accessor  # noqa: F401  # tree.etendue.plot
+
     if archive is None:
         return outcome.tree
+    if "://" in str(archive):
+        from etendue.archive.places import open_archive
+
+        return open_archive(archive)
     import xarray
 
     return xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")

@@ -125,3 +125,12 @@ def where(error: BaseException) -> str:
             found = f"{os.path.basename(file)}:{trace.tb_lineno}, "
         trace = trace.tb_next
     return found
+
+
+def human_bytes(count: float) -> str:
+    """A number of bytes with the unit in which it is read: 1.5 MB."""
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if count < 1000 or unit == "TB":
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1000
+    return ""

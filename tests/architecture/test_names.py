@@ -16,7 +16,9 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 OTHER_WORDS = {
     "colorchecker": "a table of spectra",
     "diffraction": "physics that is met once on the way",
+    "dynamic_range": "a figure of a measurement",
     "mosaic": "a figure of a study's document",
+    "photon_transfer": "a curve, in a document of a study",
     "points": "of a curve, in a document of a study",
     "uniform": "a fact of a scene",
     "zone_plate": "a part of a chart",

@@ -1,9 +1,20 @@
-"""A finished archive of the smallest camera, once for each file of tests."""
+"""A finished archive of the smallest camera, once for each file of tests; its larger cells are stored in row bands."""
 
 import pytest
 
+from etendue.archive import cutting, pieces
 from etendue.session import Options, execute
-from tests.archive.tiny import tiny_plan
+from tests.archive.tiny import LARGEST, SMALL, tiny_plan
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_bands(request):
+    """Cells above a few kB are large: those of the light are cut in bands, of the pixels not. Files that start other processes say so."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not getattr(request.module, "WHOLE_CELLS", False):
+            patch.setattr(pieces, "LARGEST_CHUNK", LARGEST)
+            patch.setattr(cutting, "SMALL", SMALL)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,7 @@ lazy = tree["shot_noise/32x32/charge"].variable._data
 assert not isinstance(lazy, numpy.ndarray), type(lazy)
 print(float(tree["shot_noise/32x32/charge"].sel(f_number=5.6, pixel_pitch=2.6, integration_time=0.008).mean()))
 """
+WHOLE_CELLS = True  # as they are by default below 64 MB
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 from etendue.archive import disk
 from etendue.archive.chunks import CODEC, LEVEL, RAW, CellFiles, Chunk, decode, encode
-from etendue.archive.parts import GATHERED, PARTS
+from etendue.archive.parts import GATHERED, PARTS, Part
 from etendue.archive.shards import MOST, Place, block_of, index_bytes, index_size, part_path, put_shard, read_index, shards_of
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.archive.tiny import index_of
@@ -227,7 +227,7 @@ def test_a_worker_whose_archive_is_taken_over_in_the_middle_reports_nothing(targ
 
 
 def test_a_variable_stored_by_band_is_put_together_again(target):
-    bands = tuple(Chunk("s", "data.zarr/g/s/c.0.0.0", b, 3, "float32", (4, 4), RAW, b) for b in range(3))
+    bands = tuple(Chunk("s", "data.zarr/g/s/c.0.0.0", b, 3, "float32", (1, 4, 4), RAW, ((b, b + 1), (0, 4), (0, 4))) for b in range(3))
     whole = np.random.default_rng(0).uniform(size=(3, 4, 4)).astype("float32")
     by_band = replace(target, chunks=bands)
     assert len(by_band.write({"s": whole})) == 3
@@ -268,6 +268,33 @@ def test_threads_that_share_a_part_lose_nothing(tmp_path, size):
     data = (tmp_path / PATH).read_bytes()
     for slot, (at, length) in index_of(data, 640).items():
         assert_same_bits(decode(data[at : at + length], "float64", (size,), RAW), arrays[slot])
+
+
+def test_a_thread_has_settled_when_its_chunks_stand_in_the_file_whoever_settles_them(tmp_path, monkeypatch):
+    """Two threads append to one part; while one settles it the other may not tell of its cell: a shard would be made without it."""
+    first, second = (target_of(tmp_path, (Chunk("v", PATH, slot, 2, "float64", (3,), RAW),)) for slot in (0, 1))
+    for target in (first, second):
+        target.write({"v": np.arange(3.0)})
+    under_way, go, put = threading.Event(), threading.Event(), Part._put
+
+    def held(part, pieces, size):
+        under_way.set()
+        assert go.wait(60)
+        put(part, pieces, size)
+
+    monkeypatch.setattr(Part, "_put", held)
+    one, other = threading.Thread(target=first.settle), threading.Thread(target=second.settle)
+    one.start()
+    assert under_way.wait(60)
+    other.start()
+    other.join(0.1)
+    assert other.is_alive()
+    go.set()
+    one.join()
+    other.join()
+    (part,) = (tmp_path / PATH).parent.glob("*.part")
+    assert part.stat().st_size == 2 * (3 * 8 + 4)
+    PARTS.close(str(tmp_path))
 
 
 def test_parts_of_several_processes_become_one_shard(tmp_path):

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import suppress
 
 import numpy as np
 import pytest
 import xarray
 
+import etendue
+from etendue.archive import in_place
 from etendue.archive.chunks import encode
 from etendue.archive.compact import compact
+from etendue.archive.in_place import compact_in_place
 from etendue.archive.journal import summed
 from etendue.archive.manifest import write_manifest
 from etendue.archive.reading import open_archive
+from etendue.archive.store import Archive
+from etendue.archive.verify import verify
 from etendue.cli import main
-from etendue.errors import ArchiveError
+from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.session import Options, execute
+from tests.archive.dying import Died, dying
 from tests.archive.tiny import store_of, tiny_file, tiny_plan
 
 
@@ -65,6 +72,89 @@ def test_it_has_the_arrays_and_shards_of_a_fresh_sweep(grown, place, tmp_path):
     assert state(tmp_path / "new") == again
 
 
+def labelled(archive):
+    """Every array of the store by label, tables and pictures aside."""
+    tree = etendue.open_archive(archive)
+    groups = {path: tree[path].to_dataset() for path in ("scene", "irradiance", "pixel/4x4", "pixel/5x4", "lens_numbers")}
+    return {path: data.sortby([dim for dim in ("f_number",) if dim in data.dims]).load() for path, data in groups.items()}
+
+
+def assert_same_cells(one, other):
+    for path, data in one.items():
+        xarray.testing.assert_equal(data, other[path])
+
+
+def test_in_place_it_is_what_it_is_elsewhere_and_what_is_right_is_not_written(grown, tmp_path):
+    archive = tmp_path / "a"
+    shutil.copytree(grown, archive)
+    before, held = labelled(archive), (archive / "data.zarr/scene/radiance/c.0.0.0").stat().st_ino
+    done = compact_in_place(archive)
+    compact(grown, tmp_path / "elsewhere")
+    mine, other = ({k: v for k, v in store_of(folder).items()} for folder in (archive, tmp_path / "elsewhere"))
+    assert mine == other
+    assert done.sorted["irradiance"] == ["f_number"]
+    assert (archive / "data.zarr/scene/radiance/c.0.0.0").stat().st_ino == held  # no axis of it has grown
+    assert 0 < done.written < sum(p.stat().st_size for p in archive.rglob("*") if p.is_file())
+    assert done.amplification == done.written / done.bytes
+    assert verify(archive).whole
+    assert_same_cells(before, labelled(archive))
+    after = state(archive)
+    again = compact_in_place(archive)
+    assert (again.written, again.cells, again.sorted) == (0, done.cells, {})
+    assert state(archive) == after
+    assert {p.name for p in tmp_path.iterdir()} == {"a", "elsewhere"}
+
+
+@pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.long)])
+def test_killed_at_any_operation_no_cell_is_lost_and_the_same_command_ends_right(grown, place, tmp_path, count):
+    archive, before = tmp_path / "a", labelled(grown)
+    shutil.copytree(grown, archive)
+    with dying(tmp_path) as operations:
+        compact_in_place(archive)
+    sound = store_of(archive)
+    numbers = np.unique(np.linspace(1, len(operations), count + 2, dtype=int)[1:-1])
+    assert len(operations) > 200
+    for number in numbers:
+        shutil.rmtree(archive)
+        shutil.copytree(grown, archive)
+        for died in (int(number), int(number) // 2 + 1):  # and once more on the way
+            with dying(tmp_path, died), suppress(Died):
+                compact_in_place(archive)
+        assert verify(archive).whole
+        assert_same_cells(before, labelled(archive))
+        compact_in_place(archive)
+        assert store_of(archive) == sound
+        assert [p.name for p in tmp_path.iterdir()] == ["a"]
+    assert verify(archive).whole
+    assert run(tiny_plan(place, GROWN), archive).computed == 0
+
+
+def test_what_was_written_before_it_was_killed_is_not_written_again(grown, tmp_path):
+    archive = tmp_path / "a"
+    shutil.copytree(grown, archive)
+    with dying(tmp_path) as operations:
+        whole = compact_in_place(archive).written
+    first = operations.names.index("link") + 40  # some shards are there
+    shutil.rmtree(archive)
+    shutil.copytree(grown, archive)
+    with dying(tmp_path, first), pytest.raises(Died):
+        compact_in_place(archive)
+    assert compact_in_place(archive).written < whole
+
+
+def test_in_place_it_is_refused_where_it_cannot_be_done(grown, tmp_path, monkeypatch):
+    archive = tmp_path / "a"
+    shutil.copytree(grown, archive)
+    before = state(archive)
+    with Archive(archive), pytest.raises(ArchiveInUse):
+        compact_in_place(archive)
+    monkeypatch.setattr(in_place, "EXCHANGE", 1 << 20)  # which no system knows
+    with pytest.raises(ArchiveError, match=r"cannot exchange two folders .* compact .* NEW"):
+        compact_in_place(archive)
+    assert {p: data for p, (_, data) in state(archive).items()} == {p: data for p, (_, data) in before.items()}
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
 def test_the_same_bytes_whenever_it_is_written(grown, tmp_path):
     compact(grown, tmp_path / "one")
     compact(tmp_path / "one", tmp_path / "two")
@@ -88,7 +178,7 @@ def with_files_for_cells(archive, old):
         if line["event"] == "done":
             cell = stored.cells[line["cell"]]
             files = []
-            for chunk in cell.chunks:
+            for chunk in {chunk.variable: chunk for chunk in cell.chunks}.values():
                 folder = chunk.written.path.rpartition("/")[0]
                 where = ".".join(["c", *map(str, chunk.position), *("0" for _ in chunk.form.shape)])
                 data = encode(stored.read(cell, chunk.variable))
@@ -99,7 +189,7 @@ def with_files_for_cells(archive, old):
                     inner = node["codecs"][0]["configuration"]
                     size = np.dtype(chunk.form.dtype).itemsize
                     blosc = {"typesize": size, "cname": "lz4", "clevel": 5, "shuffle": "bitshuffle", "blocksize": 0}
-                    node["chunk_grid"]["configuration"]["chunk_shape"] = inner["chunk_shape"]
+                    node["chunk_grid"]["configuration"]["chunk_shape"] = [1] * len(chunk.form.block) + list(chunk.form.shape)
                     node["codecs"] = [inner["codecs"][0], {"name": "blosc", "configuration": blosc}, {"name": "crc32c"}]
                     (old / folder / "zarr.json").write_text(json.dumps(node, indent=2))
                     root["consolidated_metadata"]["metadata"][folder.removeprefix("data.zarr/")] = node
@@ -155,3 +245,13 @@ def test_what_is_damaged_unfinished_or_in_the_way_is_refused(whole, tmp_path):
     with pytest.raises(ArchiveError, match="photon_rate of pixel f_number"):
         compact(tmp_path / "flipped", tmp_path / "new")
     assert {p.name for p in tmp_path.iterdir()} == {"there", "unfinished", "flipped"}
+
+
+def test_the_command_says_what_it_has_written(grown, tmp_path, capsys):
+    shutil.copytree(grown, tmp_path / "a")
+    main(["compact", str(tmp_path / "a"), "--json"], prog_name="etendue", standalone_mode=False)
+    said = json.loads(capsys.readouterr().out)
+    assert said["amplification"] == said["written"] / said["bytes"] > 0
+    assert said["sorted"]["irradiance"] == ["f_number"]
+    main(["compact", str(tmp_path / "a")], prog_name="etendue", standalone_mode=False)
+    assert "nothing to be written" in capsys.readouterr().out

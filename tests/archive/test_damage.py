@@ -6,12 +6,16 @@ import json
 import os
 import random
 import shutil
+import zlib
 from pathlib import Path
 
 import pytest
 
+from etendue.archive.compact import compact
+from etendue.archive.journal import Journal
+from etendue.archive.verify import verify
 from etendue.cli import main
-from etendue.errors import EtendueError
+from etendue.errors import ArchiveError, EtendueError
 from etendue.session import Options, execute
 from tests.archive.tiny import store_of
 
@@ -177,6 +181,36 @@ def test_a_damaged_record_is_not_believed(whole, plan, tmp_path):
         run(plan, tmp_path / "a")
     assert run(plan, tmp_path / "a", accept_platform=True).computed == 0
     assert run(plan, tmp_path / "a").computed == 0  # a record of its own stands behind the damaged one
+
+
+@pytest.mark.parametrize("event", ["done", "shard", "arrays", "axes", "blocks", "record"])
+@pytest.mark.parametrize("out", ["../../", "/etc/"])
+def test_a_line_that_leads_out_of_the_archive_says_nothing(whole, plan, tmp_path, event, out):
+    """Under a right checksum, as somebody writes it who wants others to write, or read, elsewhere."""
+    archive = tmp_path / "below" / "a"
+    shutil.copytree(whole, archive)
+    journal, changed = archive / "journal.jsonl", 0
+    lines = journal.read_bytes().splitlines(keepends=True)
+    for number, line in enumerate(lines):
+        document = json.loads(line)
+        if document["event"] != event or (event == "done" and not document["files"]):
+            continue
+        if event == "done":
+            document["files"][0][0] = out + document["files"][0][0]
+        else:
+            key = "path" if "path" in document else "group"
+            document[key] = out + document[key]
+        body = json.dumps({key: value for key, value in document.items() if key != "sum"}, separators=(",", ":")).encode()
+        lines[number] = body[:-1] + b',"sum":"%08x"}\n' % zlib.crc32(body)
+        changed += 1
+    journal.write_bytes(b"".join(lines))
+    assert Journal(archive).damaged == changed > 0
+    assert "journal.jsonl" in {damage.path for damage in verify(archive).damages}
+    with pytest.raises(ArchiveError, match="journal"):
+        compact(archive, tmp_path / "below" / "new")
+    run(plan, archive)
+    assert store_of(archive) == store_of(whole)
+    assert [p.name for p in tmp_path.iterdir()] == ["below"] and [p.name for p in (tmp_path / "below").iterdir()] == ["a"]
 
 
 def test_a_line_of_the_journal_with_another_digit_says_nothing(whole, plan, tmp_path):

@@ -18,12 +18,15 @@ from etendue.archive.forgetting import forget
 from etendue.archive.reading import open_archive
 from etendue.errors import EtendueError
 from etendue.session import Options, execute
-from tests.archive.tiny import index_of, store_of, tiny_file
+from tests.archive.tiny import index_of, slots_of, store_of, tiny_file
 from tests.run.small import assert_same_archives, environment
 
 DIES = """
 import os, sys
+from etendue.archive import cutting, pieces
 from etendue.archive.store import Archive
+from tests.archive.tiny import LARGEST, SMALL
+pieces.LARGEST_CHUNK, cutting.SMALL = LARGEST, SMALL
 left, reported = [int(os.environ["DIE_AFTER"])], Archive.reported
 
 def die(self, reports):
@@ -156,7 +159,9 @@ def test_a_failed_cell_has_no_chunk_in_its_shard(plan, tmp_path, monkeypatch):
     monkeypatch.setattr(cells, "_made", fails)
     assert len(run(plan, tmp_path / "a").failed) == 1
     shard = (tmp_path / "a/data.zarr/irradiance/irradiance/c.0.0.0.0").read_bytes()
-    assert set(index_of(shard, 2)) == {0}
+    slots = slots_of(json.loads((tmp_path / "a/data.zarr/irradiance/irradiance/zarr.json").read_text()))
+    assert slots > 2  # it is cut in bands
+    assert set(index_of(shard, slots)) == set(range(slots // 2))
     with xarray.open_datatree(tmp_path / "a/data.zarr", engine="zarr", chunks=None) as tree:
         assert tree["irradiance/status"].values.tolist() == [0, 2]
         assert np.isnan(tree["irradiance/irradiance"].values[1]).all()
@@ -171,7 +176,7 @@ OPERATIONS = ("pwritev", "open", "replace", "ftruncate", "mkdir", "write")
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO], ids=["full", "broken"])
 def test_a_disk_that_fails_once_ends_the_run_in_words_and_the_next_goes_on(whole, plan, tmp_path, monkeypatch, code):
-    """At some of the operations on files; at every one: benchmarks/faults/disk.py."""
+    """At some of the operations on files; at every one: benchmarks/faults/file_operations.py."""
 
     class Failing:
         """The module ``os`` for the door to the disk: one operation fails."""
@@ -207,3 +212,14 @@ def test_a_disk_that_fails_once_ends_the_run_in_words_and_the_next_goes_on(whole
         run(plan, archive)
         assert store_of(archive) == store_of(whole)
         assert not parts(archive)
+
+
+def test_what_a_run_leaves_that_is_killed_while_it_takes_its_folder_is_an_archive(whole, plan, tmp_path):
+    """Killed at its first write there is nothing that tells an archive but the names: at every operation, benchmarks/faults."""
+    archive = tmp_path / "a"
+    (archive / "data.zarr").mkdir(parents=True)
+    for name in ("lock", "journal.jsonl", ".run.id.4321.140157846580096.partial"):
+        (archive / name).touch()
+    run(plan, archive)
+    assert store_of(archive) == store_of(whole)
+    assert not list(archive.glob(".*"))

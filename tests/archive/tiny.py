@@ -45,6 +45,7 @@ back = ["absorbing", "reflecting"]
 "pixel.rows" = [4, 5]
 """
 TABLE = "wavelength_nm,R,G,B\n" + "".join(f"{w},{0.1 + w / 4000},{0.2},{0.3}\n" for w in range(380, 781, 10))
+LARGEST, SMALL = 5 << 10, 1 << 10  # bytes: what is large, and too small to be compressed, in these tests
 MEASURED = ("ledger/seconds/", "summary/seconds/")
 
 

@@ -320,7 +320,7 @@ def test_tables_fit_eighty_columns_and_cut_no_name(file, tmp_path, command):
     done = etendue(*command, cwd=tmp_path, env={"COLUMNS": "80"})
     assert done.returncode == 0
     lines = done.stdout.splitlines()
-    unbroken = ("open it:", "archive ", "contact sheet ", "contact_sheet ")  # for copying
+    unbroken = ("open it:", "archive ", "contact sheet ", "contact_sheet ", "look at it ")  # for copying
     assert max(len(line.rstrip()) for line in lines if not line.startswith(unbroken)) <= 80
     first_words = {line.split()[0] for line in lines if line.strip()}
     if command[0] != "stages":
@@ -411,3 +411,12 @@ def test_what_is_asked_for_is_kept_whatever_the_file_keeps(file, inside):
     assert code == 0, err
     code, out, _ = inside("show", "asked")
     assert "airy_diameter" in out
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize("words", [("--help",), ("plan", "--help")])
+def test_help_that_finds_no_room_says_so_in_one_line(words):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "etendue", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 5
+    assert done.stderr.count("\n") == 1 and "No space left" in done.stderr

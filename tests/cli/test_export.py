@@ -190,7 +190,7 @@ def test_tiff_holds_raw_numbers_and_pictures(archive, run, tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ([], "--dng, --tiff or both"),
+        ([], "--dng, --tiff, --png"),
         (["--dng", "--at", "fnumber=4"], "did you mean 'f_number'"),
         (["--dng", "--at", "f_number=5"], "f_number is 2.8, 4"),
         (["--dng", "--at", "f_number"], "expected axis=value"),

@@ -175,6 +175,7 @@ VARIANTS = {
     "resolution": [{"highest": 0.01}, {"nodes": 16}, {"angle": 37.0}, {"rendering": True, "pixel_pitch": 0.5}],
     "star_resolution": [{"cycles": 8, "radius": 8.0, "contrast": 0.8}, {"encoding": "power", "pattern": "mono"}],
     "leaves_resolution": [{"encoding": "power", "pattern": "mono"}],
+    "detail_information": [{"pattern": "mono"}, {"contrast_ratio": 1e6, "object_size": 0.5}],
     "edge_resolution": [{"region_height": 5.0, "region_width": 5.0}, {"encoding": "power", "tails": False, "pattern": "mono"}],
 }
 CASES = [

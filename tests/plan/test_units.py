@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from etendue.plan.parameters import Unfit, axis_values, resolve
 from etendue.spec.parameter import Parameter
-from etendue.spec.units import UnitError, parse_unit, to_unit
+from etendue.spec.units import UnitError, parse_unit, same_unit, to_unit
 
 HERE = Path()
 ANY = Parameter()
@@ -37,10 +37,26 @@ decimals = st.decimals(min_value=Decimal("1e-9"), max_value=Decimal("1e9"), allo
         ("2 min", "s", 120.0),
         ("5 %", "1", 0.05),
         ("3", "mm", 3.0),
+        ("100 lp/mm", "cycles/um", 0.1),
+        ("0.1 cycles/um", "cycles/mm", 100.0),
+        ("0.25 um-1", "cycles/um", 0.25),
+        ("1 cycle/mm", "mm-1", 1.0),
+        ("0.5 cycles/pixel", "cycles/pixel", 0.5),
     ],
 )
 def test_text_with_a_unit_is_the_nearest_float_of_its_decimal_value(text, unit, value):
     assert to_unit(text, unit) == value
+
+
+def test_units_that_say_the_same_are_the_same_however_they_are_written():
+    """Of what is not in the table the text decides."""
+    assert same_unit("um-1", "cycles/um")
+    assert same_unit("lp/mm", "mm-1")
+    assert same_unit("W m-2 nm-1", "W/m2/nm")
+    assert same_unit("arcsec", "arcsec")
+    assert not same_unit("cycles/um", "cycles/mm")
+    assert not same_unit("cycles/pixel", "cycles/um")
+    assert not same_unit("arcsec", "arcsecond")
 
 
 @given(number=decimals)

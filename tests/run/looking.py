@@ -18,7 +18,7 @@ class Restore(Stage):
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     negative: ClassVar = "keep"
 
-    at: float = param(0.05, units="um-1", at_least=0)
+    at: float = param(0.05, units="cycles/um", at_least=0)
 
     def run(self, rgb_camera: Any, transfers: Any) -> dict[str, Any]:
         _, otf = transfers[-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import xarray
 
+from etendue.run import workers
 from tests.cli.test_plugins import install
 from tests.run import misbehaving
 from tests.run.misbehaving import DIES, FAILS, FINE, WHOLE
@@ -106,3 +108,25 @@ def test_results_are_all_that_stands_on_stdout(place):
         assert text in done.stderr
     assert done.stderr.count("nobody's business") == 1  # one line, as a note
     assert str(place) not in done.stderr
+
+
+def test_a_worker_whose_owner_is_gone_ends_without_a_word(monkeypatch):
+    """The owner was killed while a batch was under way: there is nobody to whom it could be told."""
+
+    class Ended(BaseException):
+        pass
+
+    class Closed:
+        def recv_bytes(self):
+            return pickle.dumps(((), (), (), frozenset(), {}, ()))
+
+        def send_bytes(self, data):
+            raise BrokenPipeError
+
+    def leave(code):
+        raise Ended(code)
+
+    monkeypatch.setattr(workers, "begin_worker", lambda: None)
+    monkeypatch.setattr(workers.os, "_exit", leave)
+    with pytest.raises(Ended, match="1"):
+        workers.serve(Closed())

@@ -12,9 +12,10 @@ import pytest
 from etendue.api import Bands, Facts, Grid, Haloed, Line, Source, hookimpl
 from etendue.discovery import Discovery, installed
 from etendue.hookspecs import GROUP
+from etendue.plan import strips as cut_of
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry, installed_stages
-from etendue.run import strips, walks
+from etendue.run import strips
 from etendue.run.batches import partition
 from etendue.run.jobs import make_jobs
 from etendue.session import load
@@ -53,11 +54,10 @@ FORKED = {"sweep.integration_time": ["2 ms", "8 ms"], "sweep.sharpen.strength": 
 @pytest.fixture
 def small_strips(monkeypatch):
     """Strips of eight rows in frames of 32."""
-    monkeypatch.setattr(walks, "LARGEST_WHOLE", 0)
-    monkeypatch.setattr(walks, "STRIP", 1)
-    monkeypatch.setattr(walks, "TILE", 8)
-    monkeypatch.setattr(walks, "HALOS", 2)
-    monkeypatch.setattr(strips, "TILE", 8)
+    monkeypatch.setattr(cut_of, "LARGEST_WHOLE", 0)
+    monkeypatch.setattr(cut_of, "STRIP", 1)
+    monkeypatch.setattr(cut_of, "TILE", 8)
+    monkeypatch.setattr(cut_of, "HALOS", 2)
 
 
 @pytest.fixture
@@ -146,14 +146,18 @@ def test_what_nobody_keeps_is_never_whole(monkeypatch, stages):
     picture, codes = cut[1].nbytes, cut[1].nbytes / 6
     assert cut[0] < 2 * picture + codes
     assert whole[0] > 3 * picture + codes
+    for largest, measured in ((0, cut[0]), (1 << 40, whole[0])):
+        monkeypatch.setattr(cut_of, "LARGEST_WHOLE", largest)
+        # every stage is taken to need a copy of what it reads and of what it writes: most need less
+        assert measured < cut_of.peak_memory(plan, 1) < 2 * measured
 
 
 def test_pictures_of_what_is_never_whole_are_those_of_the_whole(monkeypatch, stages):
     plan = plan_of(RAW, {"keep": ["rgb_display"]}, stages)
-    monkeypatch.setattr(walks, "STRIP", 1)
+    monkeypatch.setattr(cut_of, "STRIP", 1)
     frames = []
     for largest in (1 << 40, 0):
-        monkeypatch.setattr(walks, "LARGEST_WHOLE", largest)
+        monkeypatch.setattr(cut_of, "LARGEST_WHOLE", largest)
         frames.append(run(plan).tree["frames"])
     shown = ["codes", "linearise", "demosaic_bilinear", "sharpen", "camera_to_xyz", "balance", "display", "encode"]
     assert list(frames[0].stage.values) == shown
@@ -162,8 +166,8 @@ def test_pictures_of_what_is_never_whole_are_those_of_the_whole(monkeypatch, sta
 
 def _peak(plan: Any, monkeypatch: Any, largest: int) -> tuple[int, Any]:
     """Most bytes held at once while a plan is computed, and its picture."""
-    monkeypatch.setattr(walks, "LARGEST_WHOLE", largest)
-    monkeypatch.setattr(walks, "STRIP", 1)
+    monkeypatch.setattr(cut_of, "LARGEST_WHOLE", largest)
+    monkeypatch.setattr(cut_of, "STRIP", 1)
     run(plan, pictures=False)  # tables and imports
     tracemalloc.start()
     try:

@@ -19,6 +19,7 @@ import numpy as np
 from numcodecs import blosc
 
 from etendue.archive.parts import PARTS
+from etendue.archive.pieces import Cutter, Window, joined
 from etendue.archive.shards import Place, fits, part_path, read_bytes, read_index
 from etendue.errors import ArchiveError
 from etendue.spec.ports import Written
@@ -58,7 +59,7 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
 
 @dataclass(frozen=True)
 class Chunk:
-    """One chunk of one variable: its slot in a shard, and which band of the variable, if it is stored by band.
+    """One chunk of one variable: its slot in a shard, and which part of the cell it is; None: all of it.
 
     ``slots`` of the shard: 0 for a file that is the chunk itself.
     """
@@ -70,7 +71,7 @@ class Chunk:
     dtype: str
     shape: tuple[int, ...]
     codec: str = CODEC
-    band: int | None = None
+    window: Window | None = None
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,16 @@ class CellFiles:
         """Append every chunk to this process's part of its shard."""
         written = list(self.held)
         there = {(file.path, file.slot) for file in self.held}
+        cutters: dict[str, Cutter] = {}
         for chunk in self.chunks:
             if (chunk.path, chunk.slot) in there:
                 continue
-            array = arrays[chunk.variable]
-            body, checksum = pieces_of(array if chunk.band is None else array[chunk.band], chunk.codec)
+            if chunk.window is None:
+                array = arrays[chunk.variable]
+            else:
+                cutter = cutters.get(chunk.variable) or cutters.setdefault(chunk.variable, Cutter(arrays[chunk.variable]))
+                array = cutter.chunk(chunk.window, chunk.shape)
+            body, checksum = pieces_of(array, chunk.codec)
             size = len(body) + 4
             part, offset = PARTS.append(self.root, self.run_id, chunk.path, (body, checksum), size, self.durable)
             one = Written(chunk.path, chunk.slot, part, offset, size, int.from_bytes(checksum, "little"))
@@ -106,17 +112,15 @@ class CellFiles:
 
     def read(self, variable: str) -> Any:
         """The array of one variable, checked against its checksum."""
-        parts = []
-        for chunk in self.chunks:
-            if chunk.variable == variable:
-                parts.append(self._read(chunk))
-                if chunk.band is None:
-                    return np.array(parts[0])
-        return np.stack(parts)
+        own = [chunk for chunk in self.chunks if chunk.variable == variable]
+        if len(own) == 1 and own[0].window is None:
+            return np.array(self._read(own[0]))
+        return joined(((chunk.window, self._read(chunk)) for chunk in own), [chunk.window for chunk in own])
 
     def read_band(self, variable: str, band: int) -> Any:
         """One band of a variable that is stored by band."""
-        return self._read(next(c for c in self.chunks if c.variable == variable and c.band == band))
+        own = [c for c in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
+        return joined(((chunk.window, self._read(chunk)) for chunk in own), [chunk.window for chunk in own])[0]
 
     def _read(self, chunk: Chunk) -> Any:
         found = self.places.get((chunk.path, chunk.slot))

@@ -3,7 +3,8 @@
 In:  the folder of an archive whose last run has ended in order, of this form or with a file for every chunk.
 Out: another archive beside it, whole or not at all. The old one is only read.
 
-Each chunk is held against its checksum on the way. What somebody else has put into the store is copied as it is.
+Each chunk is held against its checksum on the way. What somebody else has put into the store is copied as it is. ``in_place`` puts the new
+one where the old one is: what is as it should be already is shared by both for that while, and not written.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import fcntl
 import os
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -22,30 +25,39 @@ import numpy as np
 
 from etendue.archive import disk
 from etendue.archive.clearing import nodes_on_disk
-from etendue.archive.cutting import blocks_of
+from etendue.archive.cutting import blocks_of, chunk_shapes
 from etendue.archive.entries import Entry
+from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Journal
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
+from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.owner import fresh_id
 from etendue.archive.reading import Form, StoredArchive, StoredCell, StoredChunk, open_archive
-from etendue.archive.shards import Place, Shard, index_bytes, read_bytes
+from etendue.archive.shards import Place, Shard, holds, index_bytes, index_size, read_bytes, read_index
 from etendue.archive.tree import ROOT, Tree
 from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.spec.ports import Written
 
 ASIDE = ".compact.partial"
+WASTE = 8  # a shard is written anew when more than the eighth of its chunks is nothing
 BESIDE = ("contact_sheet.png", "ro-crate-metadata.json", "CITATION.cff", "measured.json")
 
 
 @dataclass(frozen=True)
 class Compacted:
-    """What was written: shards, cells and bytes of their chunks; the axes that were sorted, by group."""
+    """What was written: shards, cells and bytes of their chunks; the axes that were sorted, by group; all bytes that this took."""
 
     folder: Path
     cells: int
     shards: int
     bytes: int
     sorted: Mapping[str, list[str]]
+    written: int = 0
+
+    @property
+    def amplification(self) -> float:
+        """Bytes written for each byte of cells."""
+        return self.written / self.bytes if self.bytes else 0.0
 
 
 def compact(old: Path, new: Path) -> Compacted:
@@ -61,20 +73,17 @@ def compact(old: Path, new: Path) -> Compacted:
     old, aside = old.resolve(), new.parent.resolve() / f".{new.name}{ASIDE}"
     if new.exists() or new.is_symlink():
         raise ArchiveError(f"{new} exists; name a new folder for the archive that is to be written")
-    archive = open_archive(old)
-    lock = os.open(old / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    open_archive(old)
+    lock = locked(old, fcntl.LOCK_SH)
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ArchiveInUse(f"{old} is in use by a run; write it anew when that has ended") from None
-        _check(old, archive)
+        archive = open_archive(old)
+        check_in_order(old, archive)
         if aside.is_symlink():
             raise disk.link_at(aside.parent, aside.name)
         shutil.rmtree(aside, ignore_errors=True)  # of an earlier attempt that was killed
         aside.mkdir()
         try:
-            done = _Anew(archive, aside).write()
+            done = Anew(archive, aside).write()
             aside.rename(new)
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
@@ -84,21 +93,37 @@ def compact(old: Path, new: Path) -> Compacted:
     return replace(done, folder=new)
 
 
-def _check(old: Path, archive: StoredArchive) -> None:
+def locked(folder: Path, how: int) -> int:
+    """The open lock of an archive that nobody is writing to."""
+    lock = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        fcntl.flock(lock, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise ArchiveInUse(f"{folder} is in use; write it anew when that has ended") from None
+    return lock
+
+
+def check_in_order(old: Path, archive: StoredArchive) -> None:
     manifest = read_manifest(old)
     changed = ["manifest.json"] if manifest is None else manifest.changed(old)
-    if changed or archive.journal.damaged or archive.journal.torn:
+    lost = {chunk.group for cell in archive.cells.values() for chunk in cell.chunks} - archive.journal.axes.keys()
+    if changed or lost or archive.journal.damaged or archive.journal.torn:
         raise ArchiveError(
             f"{old / (changed or ['journal.jsonl'])[0]} is missing or not as a run left it: only an archive in order is written anew. "
             f"Run its pipeline on it first"
         )
 
 
-class _Anew:
-    """An archive on its way from one folder to another."""
+class Anew:
+    """An archive on its way from one folder to another.
 
-    def __init__(self, archive: StoredArchive, target: Path) -> None:
-        self.archive, self.old, self.target = archive, archive.folder, target
+    ``shares``: files that need not be written again have a name in both folders, and all that is written survives the loss of power.
+    """
+
+    def __init__(self, archive: StoredArchive, target: Path, shares: bool = False) -> None:
+        self.archive, self.old, self.target, self.shares = archive, archive.folder, target, shares
+        self.written = 0
         self.listing = disk.Listing(self.old)
         self.tree = Tree()
         self.order = {group: {dim: _order(values) for dim, values in axes.items()} for group, axes in archive.journal.axes.items()}
@@ -126,16 +151,38 @@ class _Anew:
         self._metadata()
         for folder in ("inputs", "runs"):
             if (self.old / folder).is_dir():
-                shutil.copytree(self.old / folder, self.target / folder)
+                shutil.copytree(self.old / folder, self.target / folder, copy_function=self._copied)
         for name in BESIDE:
             if (self.old / name).is_file():
-                shutil.copy2(self.old / name, self.target / name)
-        disk.write(self.target, "lock", b"")
-        disk.write(self.target, "run.id", fresh_id().encode())
+                self._copied(self.old / name, self.target / name)
+        self._put("lock", b"")
+        self._put("run.id", fresh_id().encode())
         self._journal(entries, shards)
-        write_manifest(self.target, {f"{DATA}/{path}": data for path, data in self.tree.held.items()})
-        changed = {group: [dim for dim, order in own.items() if order != list(range(len(order)))] for group, own in self.order.items()}
-        return Compacted(self.target, len(self.archive.cells), len(shards), size, {g: dims for g, dims in changed.items() if dims})
+        write_manifest(self.target, {f"{DATA}/{path}": data for path, data in self.tree.held.items()}, self.shares)
+        self.written += sum((self.target / name).stat().st_size for name in (JOURNAL, MANIFEST))
+        return Compacted(self.target, len(self.archive.cells), len(shards), size, self.changed(), self.written)
+
+    def changed(self) -> dict[str, list[str]]:
+        """The axes that are to be sorted, by group."""
+        own = {group: [dim for dim, order in dims.items() if order != list(range(len(order)))] for group, dims in self.order.items()}
+        return {group: dims for group, dims in own.items() if dims}
+
+    def needed(self) -> int:
+        """Bytes of the shards that are to be written; 0: every one is there, and as it should be."""
+        return sum(chunk.written.size for path, own in self.shards.items() if not self._stays(path, own) for _, chunk in own.values())
+
+    def _put(self, path: str, data: bytes) -> None:
+        disk.write(self.target, path, data, self.shares)
+        self.written += len(data)
+
+    def _copied(self, source: Any, target: Any) -> None:
+        """A file as it is: under a second name where that may be, for a while."""
+        if self.shares:
+            with suppress(OSError):
+                os.link(source, target)
+                return
+        shutil.copy2(source, target)
+        self.written += os.stat(target).st_size
 
     # -- chunks -------------------------------------------------------------------------------------------------------
 
@@ -143,14 +190,54 @@ class _Anew:
         """Every chunk into its new shard; where it stands there, by cell."""
         placed: dict[str, list[Written]] = {name: [] for name in self.archive.cells}
         shards: dict[str, Shard] = {}
+        for path, own in self.shards.items():
+            if self.shares and self._stays(path, own) and self._shared(path):
+                shards[path] = self.archive.journal.shards[path]
+                for cell, chunk in own.values():
+                    placed[cell.name].append(chunk.written)
+            else:
+                shards[path] = self._shard(path, own, placed)
+        return placed, shards, sum(one.size for own in placed.values() for one in own)
+
+    @cached_property
+    def shards(self) -> dict[str, dict[int, tuple[StoredCell, StoredChunk]]]:
+        """What is to be in every shard, by slot."""
+        found: dict[str, dict[int, tuple[StoredCell, StoredChunk]]] = {}
         for key, own in self.by_variable.items():
-            by_shard: dict[str, dict[int, tuple[StoredCell, StoredChunk]]] = {}
             for cell, chunk in own:
                 path, slot = self._place(key, chunk)
-                by_shard.setdefault(path, {})[slot] = cell, chunk
-            for path, slots in by_shard.items():
-                shards[path] = self._shard(path, self.forms[key].slots, slots, placed)
-        return placed, shards, sum(one.size for own in placed.values() for one in own)
+                found.setdefault(path, {})[slot] = cell, chunk
+        return found
+
+    def _stays(self, path: str, own: Mapping[int, tuple[StoredCell, StoredChunk]]) -> bool:
+        """Whether a shard is what it is to be: its chunks in their slots, and little besides."""
+        slots, archive = self._slots(own), self.archive
+        if archive.journal.files_a_cell or archive.finder.odd(path, slots) or path not in archive.journal.shards:
+            return False
+        if any((chunk.written.path, chunk.written.slot) != (path, slot) for slot, (_, chunk) in own.items()):
+            return False
+        places = {slot: archive.place(chunk) for slot, (_, chunk) in own.items()}
+        index = {slot: (place.offset, place.size) for slot, place in places.items() if place and place.file == path}
+        state, held = archive.finder.state(path, slots), sum(size for _, size in index.values())
+        if state is None or state.index != index or len(index) != len(own):
+            return False
+        return state.size - held - index_size(slots) <= held // WASTE
+
+    def _slots(self, own: Mapping[int, tuple[StoredCell, StoredChunk]]) -> int:
+        _, chunk = next(iter(own.values()))
+        return self.forms[chunk.group, chunk.variable].slots
+
+    def _shared(self, path: str) -> bool:
+        """A shard under a second name; whether that may be."""
+        (self.target / path).parent.mkdir(parents=True, exist_ok=True)
+        with suppress(OSError):
+            if (self.target / path).exists():
+                if os.path.samefile(self.old / path, self.target / path):
+                    return True
+                disk.remove(self.target, path)
+            os.link(self.old / path, self.target / path)
+            return True
+        return False
 
     def _place(self, key: tuple[str, str], chunk: StoredChunk) -> tuple[str, int]:
         """Shard and slot of a chunk."""
@@ -161,27 +248,53 @@ class _Anew:
             shard.append(str(index))
             slot = slot * size + local
         name = ".".join(["c", *shard, *("0" for _ in form.shape)])
-        return f"{DATA}/{key[0]}/{key[1]}/{name}", slot * form.pieces + (chunk.band or 0)
+        return f"{DATA}/{key[0]}/{key[1]}/{name}", slot * form.pieces + chunk.written.slot % form.pieces
 
-    def _shard(
-        self, path: str, slots: int, own: Mapping[int, tuple[StoredCell, StoredChunk]], placed: dict[str, list[Written]]
-    ) -> Shard:  # fmt: skip
-        part, end, places = os.urandom(6).hex(), 0, {}
+    def _shard(self, path: str, own: Mapping[int, tuple[StoredCell, StoredChunk]], placed: dict[str, list[Written]]) -> Shard:
+        part, slots, places = os.urandom(6).hex(), self._slots(own), dict[int, tuple[int, int]]()
 
         def pieces() -> Iterator[bytes]:
-            nonlocal end
+            end = 0
             for slot in sorted(own):
-                cell, chunk = own[slot]
-                data = self._read(cell, chunk)
-                placed[cell.name].append(Written(path, slot, part, end, len(data), int.from_bytes(data[-4:], "little")))
+                data = self._read(*own[slot])
                 places[slot] = end, len(data)
                 end += len(data)
                 yield data
             if slots:
                 yield index_bytes(slots, places)
 
-        disk.write(self.target, path, pieces())
+        if not self._is_there(path, slots, own):
+            disk.write(self.target, path, pieces(), self.shares)
+            self.written += (self.target / path).stat().st_size
+        end = 0
+        for slot in sorted(own):
+            cell, chunk = own[slot]
+            size, digest = self._known(chunk)
+            placed[cell.name].append(Written(path, slot, part, end, size, digest))
+            end += size
         return Shard((self.target / path).stat().st_size, ((part, 0, 0, end),))
+
+    def _known(self, chunk: StoredChunk) -> tuple[int, int]:
+        """Size and checksum of a chunk, once it has been read."""
+        if not self.archive.journal.files_a_cell:
+            return chunk.written.size, chunk.written.digest
+        data = (self.old / chunk.written.path).read_bytes()
+        return len(data), int.from_bytes(data[-4:], "little")
+
+    def _is_there(self, path: str, slots: int, own: Mapping[int, tuple[StoredCell, StoredChunk]]) -> bool:
+        """Whether an attempt that was broken off has written a shard: every chunk of it is read."""
+        if not self.shares or self.archive.journal.files_a_cell:
+            return False
+        places, end = dict[int, tuple[int, int]](), 0
+        for slot in sorted(own):
+            places[slot] = end, own[slot][1].written.size
+            end += places[slot][1]
+        try:
+            if read_index(self.target / path, slots) != (end + index_size(slots), places if slots else {0: (0, end)}):
+                return False
+        except OSError:
+            return False
+        return all(holds(self.target, Place(path, *places[slot], chunk.written.digest)) for slot, (_, chunk) in own.items())
 
     def _read(self, cell: StoredCell, chunk: StoredChunk) -> bytes:
         place: Place | None = self.archive.place(chunk)
@@ -205,7 +318,7 @@ class _Anew:
             self._node(node)
         self.tree.take({ROOT: self.tree.consolidated({})})
         for path, data in self.tree.held.items():
-            disk.write(self.target, f"{DATA}/{path}", data)
+            self._put(f"{DATA}/{path}", data)
 
     def _node(self, node: str) -> None:
         document = disk.read_document(self.old / DATA / node / ROOT) or {}
@@ -214,9 +327,7 @@ class _Anew:
         attrs = dict(document.get("attributes", {}))
         if (group, name) in self.forms:
             form = self.forms[group, name]
-            own = (1, *form.shape[1:]) if form.pieces > 1 else tuple(max(n, 1) for n in form.shape)
-            whole = tuple(max(n, 1) for n in form.shape)
-            chunks = (*(1 for _ in form.block), *own), (*form.block, *whole) if form.block or whole else None
+            chunks = chunk_shapes(form.shape, form.block, form.chunk)
             self.tree.put_cells(group, name, tuple(document["shape"]), chunks, form.dtype, form.codec, tuple(dims), attrs)
         elif set(dims) & {dim for dim, own in order.items() if own != list(range(len(own)))}:
             values = self._values(node)
@@ -240,7 +351,7 @@ class _Anew:
         return np.asarray(zarr.open_array(str(self.old / DATA / node), mode="r")[...])
 
     def _journal(self, placed: Mapping[str, list[Written]], shards: Mapping[str, Shard]) -> None:
-        before, journal = self.archive.journal, Journal(self.target)
+        before, journal = self.archive.journal, Journal(self.target, self.shares)
         journal.open()
         try:
             journal.set_axes(self.axes)
@@ -250,6 +361,7 @@ class _Anew:
             blocks: dict[str, dict[str, dict[str, Any]]] = {}
             for (group, name), form in self.forms.items():
                 words = {"block": list(form.block), "codec": form.codec, "pieces": form.pieces}
+                words |= {"chunk": list(form.chunk)} if form.pieces > 1 else {}
                 blocks.setdefault(group, {})[name] = {**words, "form": f"{form.dtype} {'x'.join(map(str, form.shape))}"}
             journal.set_blocks(blocks)
             journal.put(shards)

@@ -11,8 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from etendue.archive.differing import Difference, between, together
 from etendue.archive.naming import cell_name
+from etendue.archive.pieces import Cutter
 from etendue.archive.stored import Stored, StoredArrays
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
@@ -49,10 +52,12 @@ class Comparing:
         return tuple(found)
 
     def _difference(self, variable: str, array: Any) -> Difference:
-        bands = self.cell.bands(variable)
-        if not bands:
-            return between(self.cell.read(variable), array)
-        return together(between(self.cell.read_band(variable, band), array[band]) for band in bands)
+        windows, cutter = self.cell.windows(variable), Cutter(array)
+        if windows[0] is None or tuple(array.shape) != tuple(
+            max(end for _, end in one) for one in zip(*filter(None, windows), strict=True)
+        ):
+            return between(self.cell.read(variable), np.asarray(array))
+        return together(between(part, cutter.part(window)) for window, part in self.cell.parts(variable))
 
     def read(self, variable: str) -> Any:
         return self.cell.read(variable)
@@ -107,7 +112,9 @@ class ComparingKeeper:
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
         return ()
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
         return {}
 
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:

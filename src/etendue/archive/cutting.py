@@ -20,22 +20,17 @@ import numpy as np
 from etendue.archive.chunks import CODEC, RAW, Chunk
 from etendue.archive.layout import Layout, VariableLayout
 from etendue.archive.manifest import DATA
+from etendue.archive.pieces import chunk_of, known_chunk, pieces_of, room_of, windows_of
 from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
-from etendue.plan.cost import LARGEST_WHOLE
 from etendue.plan.model import Plan
 
 SMALL = 4096  # bytes of a chunk below which compressing takes longer than all else, and saves next to nothing
-Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces
+Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]  # by group and variable: block, codec, form, pieces, chunk
 
 
-def by_band(variable: VariableLayout) -> bool:
-    """Whether a variable is stored one wavelength band per chunk: Blosc refuses 2 GiB."""
-    return variable.dims == ("wavelength", "y", "x") and bytes_of(variable) > LARGEST_WHOLE
-
-
-def pieces(variable: VariableLayout) -> int:
-    """Chunks of one cell."""
-    return variable.shape[0] if by_band(variable) else 1
+def own_chunk(variable: VariableLayout) -> tuple[int, ...]:
+    """The shape of the chunks of one cell of a variable that is stored for the first time."""
+    return chunk_of(variable.dims, variable.shape, int(np.dtype(variable.dtype).itemsize))
 
 
 def bytes_of(variable: VariableLayout) -> int:
@@ -56,15 +51,18 @@ def cut(plan: Plan, layout: Layout, axes: Mapping[str, Mapping[str, list[Any]]],
                 found[path][variable.name] = dict(old)
             else:
                 fresh.append((path, variable))
-    blocks = blocks_of([(sizes[path], bytes_of(one), pieces(one)) for path, one in fresh])
-    for (path, variable), block in zip(fresh, blocks, strict=True):
+    chunks = [own_chunk(one) for _, one in fresh]
+    pieces = [pieces_of(one.shape, chunk) for (_, one), chunk in zip(fresh, chunks, strict=True)]
+    blocks = blocks_of([(sizes[path], bytes_of(one), count) for (path, one), count in zip(fresh, pieces, strict=True)])
+    for (path, variable), block, chunk, count in zip(fresh, blocks, chunks, pieces, strict=True):
         noise = np.dtype(variable.dtype).kind == "f" and layout.groups[path].node in noisy
-        raw = noise or bytes_of(variable) // pieces(variable) < SMALL
+        raw = noise or bytes_of(variable) // count < SMALL
         found[path][variable.name] = {
             "block": list(block),
             "codec": RAW if raw else CODEC,
             "form": _form(variable),
-            "pieces": pieces(variable),
+            "pieces": count,
+            **({"chunk": list(chunk)} if count > 1 else {}),
         }
     return found
 
@@ -93,20 +91,20 @@ def _noisy(plan: Plan) -> set[str]:
     return found
 
 
-def chunk_shapes(variable: VariableLayout, block: list[int]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
-    """Shapes of a chunk and of its shard; no shard for a single number."""
-    whole = tuple(max(n, 1) for n in variable.shape)
-    own = (1, *whole[1:]) if by_band(variable) else whole
-    return (*(1 for _ in block), *own), (*block, *whole) if block or whole else None
+def chunk_shapes(shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+    """Shapes of a chunk and of its shard, from that of a cell; no shard for a single number."""
+    return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
 
 
-class Cutter:
+class Whereabouts:
     """Where the chunks of one variable of a group lie: files and slots by the place of a cell."""
 
     def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
-        self.variable, self.block, self.codec, self.count = variable, tuple(known["block"]), known["codec"], pieces(variable)
-        self.banded = by_band(variable)
-        self.shape = variable.shape[1:] if self.banded else variable.shape
+        self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
+        chunk = known_chunk(variable.shape, known)
+        self.windows = windows_of(variable.shape, chunk)
+        self.count = len(self.windows)
+        self.shape = variable.shape if self.count == 1 else chunk
         self.slots = prod(self.block) * self.count if self.block or variable.shape else 0
         self.folder, self.inner = f"{DATA}/{path}/{variable.name}", ["0"] * len(variable.shape)
         self.files: dict[tuple[int, ...], str] = {}  # each name once: a shard has many chunks
@@ -125,5 +123,5 @@ class Cutter:
     def chunks(self, place: tuple[int, ...]) -> Iterator[Chunk]:
         file, slot = self.at(place)
         own = self.variable
-        for band in range(self.count):
-            yield Chunk(own.name, file, slot + band, self.slots, own.dtype, self.shape, self.codec, band if self.banded else None)
+        for number, window in enumerate(self.windows):
+            yield Chunk(own.name, file, slot + number, self.slots, own.dtype, self.shape, self.codec, window)

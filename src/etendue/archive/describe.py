@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import calendar
-import fcntl
 import math
-import os
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -16,24 +14,10 @@ from etendue.archive import disk
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Read, read
 from etendue.archive.manifest import read_manifest
+from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError
-
-
-def is_running(folder: Path) -> bool:
-    """Whether a run owns an archive now."""
-    try:
-        handle = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        return False
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(handle)
 
 
 def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
@@ -73,26 +57,26 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     if not running and (odd := Stored(folder, journal=journal).odd()):
         raise _damaged(folder, odd)
     counts: dict[str, dict[str, int]] = {}
-    for (stage, status), count in journal.said.counts().items():
+    for (stage, status), count in journal.said.counts(journal.outdated).items():
         counts.setdefault(stage, {})[status] = count
-    ended = Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
+    ended = _ended(journal)
     stages = [
         {
             "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
             **_progress(journal, ended, [name]),
         }
-        for name in _order(root, record)
+        for name in order_of(root, record)
     ]  # fmt: skip
     size = sum((folder / path).lstat().st_size for top in disk.FOLDERS for path in listing.below(top) if (folder / path).exists())
     size += sum((folder / name).lstat().st_size for name in disk.FILES if (folder / name).exists())
     return {
         "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
         "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
-        **_progress(journal, ended), **(_pace(journal, str(record["began"])) if running else {"rate": None, "left": None}),
+        **progress(journal, str(record["began"]) if running else ""),
     }  # fmt: skip
 
 
-def _order(root: Path, record: dict[str, Any]) -> list[str]:
+def order_of(root: Path, record: dict[str, Any]) -> list[str]:
     """The stages in the order of the pipeline: of two that write the same variable the later one counts."""
     attributes = (disk.read_document(root / "zarr.json") or {}).get("attributes", {})
     own = attributes.get("etendue") if isinstance(attributes, dict) else None
@@ -100,6 +84,16 @@ def _order(root: Path, record: dict[str, Any]) -> list[str]:
         if isinstance(names, list):
             return [str(name) for name in names]
     return list(record["nodes"])
+
+
+def progress(journal: Read, began: str = "") -> dict[str, Any]:
+    """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second and seconds left."""
+    return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
+
+
+def _ended(journal: Read) -> Mapping[str, int]:
+    """How many cells of each stage have come to an end in the last run."""
+    return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
 
 
 def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:

@@ -167,9 +167,9 @@ def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDiffere
         if variable not in theirs.variables:
             continue
         try:
-            bands = mine.bands(variable)
-            if bands and bands == theirs.bands(variable):
-                off = together(between(mine.read_band(variable, band), theirs.read_band(variable, band)) for band in bands)
+            if mine.windows(variable) == theirs.windows(variable):
+                pairs = zip(mine.parts(variable), theirs.parts(variable), strict=True)
+                off = together(between(part, other_part) for (_, part), (_, other_part) in pairs)
             else:
                 off = between(mine.read(variable), theirs.read(variable))
         except ArchiveError as error:
@@ -182,7 +182,7 @@ def _cells(one: Stored, name: str, other: Stored, twin: str) -> list[CellDiffere
 
 def _bytes(cell: StoredArrays) -> list[tuple[Any, ...]]:
     """What is known of the bytes of a cell."""
-    return [(c.variable, c.band, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest) for c, _ in cell.chunks]
+    return [(c.variable, c.window, c.form.dtype, c.form.shape, c.form.codec, c.written.size, c.written.digest) for c, _ in cell.chunks]
 
 
 def document(first: Path, second: Path, found: list[StageDifference]) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from etendue.errors import ArchiveError
 
 PARTIAL = ".partial"
 PART = ".part"  # of a shard in the making: what a journal names of it is kept
+ELSEWHERE = 1_000_000_000  # ns since 1970: the last change of a file whose bytes lie on an object store
 FILES = ("journal.jsonl", "manifest.json", "run.id", "lock", "ro-crate-metadata.json", "CITATION.cff", "contact_sheet.png", "measured.json")
 FOLDERS = ("data.zarr", "inputs", "runs")
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -92,6 +93,21 @@ def write(root: str | Path, path: str, data: bytes | Iterable[bytes], durable: b
             raise
         if durable:
             os.fsync(folder)
+
+
+def write_stand_in(root: str | Path, path: str, size: int, tail: bytes) -> None:
+    """Put a file of this size in its place that holds its last bytes alone; ``ELSEWHERE`` says so."""
+    *parts, name = path.split("/")
+    temporary = f".{name[:200]}.{os.getpid()}.{threading.get_ident()}{PARTIAL}"
+    with _folder(str(root), tuple(parts), make=True) as folder:
+        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644, dir_fd=folder)
+        try:
+            os.ftruncate(handle, size)
+            write_at(handle, [tail], size - len(tail))
+            os.utime(handle, ns=(ELSEWHERE, ELSEWHERE))
+        finally:
+            os.close(handle)
+        os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
 
 
 def sync_folder(path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -145,7 +145,7 @@ class Entries(MutableMapping[str, Entry]):
         return self.odd_keys[row] if row in self.odd_keys else self.key[KEY * row : KEY * (row + 1)].hex()
 
     def written(self, row: int) -> Iterator[Written]:
-        return map(self.files.__getitem__, range(self.first[row], self.first[row] + self.count[row]))
+        return map(self.files.__getitem__, self._numbers(row))
 
     def standing(self, name: str, key: str) -> str:
         """The status of a cell with this key; '' where it has begun again, has another key, or nothing is said of it."""
@@ -162,8 +162,20 @@ class Entries(MutableMapping[str, Entry]):
 
     def done(self) -> Iterator[str]:
         """The names of the cells that are done."""
-        done = _EVENT["done"]
-        return (name for name, row in self.rows.items() if self.event[row] == done)
+        return self.having("done")
+
+    def having(self, event: str) -> Iterator[str]:
+        """The names of the cells of which this was said last."""
+        number = _EVENT[event]
+        return (name for name, row in self.rows.items() if self.event[row] == number)
+
+    def done_among(self, names: Iterable[str]) -> list[str]:
+        """Which of some cells are done."""
+        return [name for name in names if name in self.rows and self.event[self.rows[name]] == _EVENT["done"]] if self.rows else []
+
+    def done_otherwise(self, keys: Iterable[tuple[str, str]]) -> list[str]:
+        """Which of some cells are done with another key than the one beside them."""
+        return self.done_among(name for name, key in keys if name in self.rows and self.key_at(self.rows[name]) != key)
 
     def done_beside(self, names: Mapping[Any, str]) -> list[str]:
         """The names of the cells that are done and are none of these."""
@@ -173,23 +185,35 @@ class Entries(MutableMapping[str, Entry]):
     def files_of_done(self) -> Iterator[Written]:
         return (file for name in self.done() for file in self.written(self.rows[name]))
 
-    def counts(self) -> Counter[tuple[str, str]]:
-        """How many cells of each stage have come to what: a status, or ``unfinished``."""
+    def counts(self, outdated: Collection[str] = ()) -> Counter[tuple[str, str]]:
+        """How many cells of each stage have come to what: a status, ``unfinished``, or ``outdated``."""
         words = [(event == _EVENT["start"], STATUS[status]) for event, status in zip(self.event, self.status, strict=True)]
         found: Counter[tuple[str, str]] = Counter()
         for name, row in self.rows.items():
             started, status = words[row]
-            found[name.partition(" ")[0], "unfinished" if started else status] += 1
+            found[name.partition(" ")[0], "unfinished" if started else "outdated" if name in outdated else status] += 1
         return found
 
-    def shards(self) -> dict[str, int]:
-        """Of each shard in which chunks of done cells lie the number of one of them."""
-        done, found = _EVENT["done"], dict[int, int]()
-        for row in self.rows.values():
-            if self.event[row] == done:
-                for number in range(self.first[row], self.first[row] + self.count[row]):
+    def shards(self, beside: Collection[str] = ()) -> dict[str, int]:
+        """Of each shard in which chunks of done cells lie the number of one of them; ``beside``: cells that do not count."""
+        found = dict[int, int]()
+        for name in self.done():
+            if name not in beside:
+                for number in self._numbers(self.rows[name]):
                     found[self.files.path[number]] = number
         return {self.files.texts[path]: number for path, number in found.items()}
+
+    def by_shard(self) -> dict[str, array[int]]:
+        """Of each shard the numbers of the chunks of done cells."""
+        found: dict[int, array[int]] = {}
+        for name in self.done():
+            for number in self._numbers(self.rows[name]):
+                found.setdefault(self.files.path[number], array("q")).append(number)
+        return {self.files.texts[path]: numbers for path, numbers in found.items()}
+
+    def _numbers(self, row: int) -> range:
+        """Of the chunks of a cell."""
+        return range(self.first[row], self.first[row] + self.count[row])
 
 
 def _digest(key: str) -> bytes | None:

@@ -9,11 +9,30 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
+from etendue.archive import disk
+from etendue.archive.manifest import DATA, Manifest
 from etendue.archive.tree import ROOT, Tree
 
 FRAMES = "frames"
+
+
+def stored(folder: Path, listing: disk.Listing) -> dict[str, bytes]:
+    """The files of the pictures of an earlier run; none where they are not whole."""
+    paths = listing.below(f"{DATA}/{FRAMES}")
+    files = {path.removeprefix(f"{DATA}/"): disk.content_of(folder / path) or b"" for path in paths}
+    return files if whole(files) else {}
+
+
+def sheet_is_whole(folder: Path, manifest: Manifest | None) -> bool:
+    """Whether the contact sheet of an earlier run is there as it was written."""
+    known = manifest.files.get("contact_sheet.png") if manifest else None
+    data = disk.content_of(folder / "contact_sheet.png") or b""
+    if known is not None:
+        return hashlib.sha256(data).hexdigest() == known
+    return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
 
 
 def whole(files: Mapping[str, bytes]) -> bool:

@@ -7,7 +7,8 @@ A ``done`` line says to which part of a shard each chunk was appended; a ``shard
 Beside the cells stand the axis values of each group (a coordinate array torn by a kill is written again from them), the
 arrays that were made in each group, how each is cut into shards, the record of each run, and how many cells it has to compute.
 ``closed`` says
-that a run has ended in order: what stands in front of it need not be read back.
+that a run has ended in order: what stands in front of it need not be read back. ``outdated`` names the cells that a run is about to
+replace: their chunks are there until it does, and nobody is shown them.
 """
 
 from __future__ import annotations
@@ -18,18 +19,17 @@ import zlib
 from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import msgspec
 
 from etendue.archive import disk
-from etendue.archive.entries import EVENTS, Entries, Entry
+from etendue.archive.entries import Entries, Entry
 from etendue.archive.layout import STATUS
+from etendue.archive.line_forms import FIELDS, axis_of, block_of, decode_of_a_cell, files_of, inside, leads_out, of_kind
 from etendue.archive.shards import Shard
-from etendue.spec.ports import Written
 
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError)  # what reading a damaged line may raise
-LARGEST = 2**62  # of a place in a file
 SUM = 18  # characters of ',"sum":"01234567"}'
 
 
@@ -56,6 +56,7 @@ class Read:
     damaged: int = 0  # lines that say nothing
     torn: bool = False  # behind the last whole line stands a piece of one
     files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
+    outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise, and has not yet
 
     @property
     def said(self) -> Entries:
@@ -77,7 +78,7 @@ class Journal:
         found = read(root / NAME)
         self.entries, self.axes, self.arrays, self.run, self.damaged = found.said, found.axes, found.arrays, found.run, found.damaged
         self.blocks, self.shards, self.files_a_cell, self.torn = found.blocks, found.shards, found.files_a_cell, found.torn
-        self.records = found.records
+        self.records, self.outdated = found.records, found.outdated
         self.handle: int | None = None
 
     def open(self) -> None:
@@ -108,7 +109,12 @@ class Journal:
 
     def start(self, cells: Iterable[tuple[str, str]]) -> None:
         """Say that the chunks of these (cell, key) may be overwritten from now on."""
-        self._append({"event": "start", "cell": cell, "key": key} for cell, key in cells)
+        pairs = list(cells)
+        self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
+        for cell, key in pairs:
+            if cell in self.entries:  # of others nothing is to be forgotten
+                self.entries[cell] = Entry("start", key)
+            self.outdated.discard(cell)
 
     def end(self, cells: Iterable[tuple[str, Entry]], remember: bool = True) -> None:
         """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in ``entries``."""
@@ -122,8 +128,21 @@ class Journal:
             }
             for cell, entry in pairs
         )  # fmt: skip
-        for cell, entry in pairs if remember else ():
-            self.entries[cell] = entry
+        for cell, entry in pairs:
+            if remember:
+                self.entries[cell] = entry
+            self.outdated.discard(cell)
+
+    def give_up(self, cells: Iterable[str]) -> None:
+        """Say of cells that they are no longer there."""
+        self.end((name, Entry("removed", self.entries[name].key, (), "not_computed")) for name in cells)
+
+    def set_outdated(self, cells: Iterable[str]) -> None:
+        """Say which cells that are called done this run is about to replace; of others that is no longer so."""
+        names = set(cells)
+        if names != self.outdated:
+            self._append([{"event": "outdated", "cells": sorted(names)}])
+            self.outdated = names
 
     def set_axes(self, axes: Mapping[str, Mapping[str, list[Any]]]) -> None:
         """Say which axis values the arrays of each group have, in stored order, before any array changes."""
@@ -196,10 +215,6 @@ def _written(value: Any) -> Any:
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _value(written: Any) -> Any:
-    return float(written["float"]) if isinstance(written, dict) else written
-
-
 def read_journal(path: Path) -> Mapping[str, Entry]:
     """The last line of every cell. A torn or foreign line counts as absent."""
     return read(path).entries
@@ -224,37 +239,18 @@ def read(path: Path) -> Read:
     return found
 
 
-_Number = Annotated[int, msgspec.Meta(ge=0, le=LARGEST)]
-
-
-class _OfACell(msgspec.Struct, forbid_unknown_fields=True, gc=False):
-    """A line that says something of a cell, as ``Journal`` writes it."""
-
-    event: Literal["start", "done", "failed", "removed"]
-    cell: str
-    key: str
-    sum: str
-    status: Literal["done", "left_out", "failed", "skipped", "not_computed"] = "done"
-    seconds: float = 0.0
-    clipped: float = 0.0
-    clipped_flux: float = 0.0
-    floored: float = 0.0
-    platform: str = ""
-    files: list[tuple[str, _Number, str, _Number, _Number, _Number]] = []
-
-
-_DECODE = msgspec.json.Decoder(_OfACell).decode
-
-
 def _take_own(found: Read, line: bytes) -> bool:
     """A line of a cell that fits the checksum at its end, read in one go; whether it was one."""
     if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
         return False
     try:
-        one = _DECODE(line)
+        one = decode_of_a_cell(line)
     except msgspec.DecodeError:
         return False
     said = found.said
+    if any(text not in said.files.number and leads_out(text) for file in one.files for text in (file[0], file[2])):
+        return False
+    found.outdated.discard(one.cell)
     row = said.say(one.cell, one.event, one.key, one.status, one.seconds, True)
     said.add_rest(row, one.clipped, one.clipped_flux, one.floored, one.platform)
     for file in one.files:
@@ -292,97 +288,49 @@ def _checked(line: bytes) -> dict[str, Any]:
     return value
 
 
-_OF_A_CELL = frozenset({"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"})
-_FIELDS = {
-    "axes": frozenset({"event", "group", "axes"}),
-    "arrays": frozenset({"event", "group", "names"}),
-    "run": frozenset({"event", "planned", "todo"}),
-    "blocks": frozenset({"event", "group", "blocks"}),
-    "shard": frozenset({"event", "path", "size", "kept"}),
-    "closed": frozenset({"event"}),
-    "record": frozenset({"event", "path", "text"}),
-    **dict.fromkeys(EVENTS, _OF_A_CELL),
-}
-
-
 def _take(found: Read, value: Mapping[str, Any]) -> None:
     """One line; ``ValueError`` or ``TypeError`` where it has not the form of its event."""
     event = value["event"]
-    if not set(value) <= _FIELDS[event]:
+    if not set(value) <= FIELDS[event]:
         raise ValueError("unknown words")
     if event == "axes":
-        group, axes = _of(str, value["group"]), value["axes"]
+        group, axes = inside(value["group"]), value["axes"]
         if axes is None:
             found.axes.pop(group, None)
         else:
-            found.axes[group] = {_of(str, dim): _axis(_of(list, values)) for dim, values in axes.items()}
+            found.axes[group] = {of_kind(str, dim): axis_of(of_kind(list, values)) for dim, values in axes.items()}
     elif event == "arrays":
-        found.arrays.setdefault(_of(str, value["group"]), set()).update(_of(str, name) for name in _of(list, value["names"]))
+        found.arrays.setdefault(inside(value["group"]), set()).update(inside(name) for name in of_kind(list, value["names"]))
     elif event == "run":
-        planned, todo = ({_of(str, k): _of(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
+        planned, todo = ({of_kind(str, k): of_kind(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
         found.run = Going(planned, todo)
     elif event == "blocks":
-        found.blocks[_of(str, value["group"])] = {_of(str, name): _block(one) for name, one in value["blocks"].items()}
+        found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
     elif event == "shard":
-        kept = tuple((_of(str, part), *(_of(int, n) for n in rest)) for part, *rest in value["kept"])
+        kept = tuple((inside(part), *(of_kind(int, n) for n in rest)) for part, *rest in value["kept"])
         if any(len(one) != 4 for one in kept):
             raise ValueError("a run of bytes is a part and three numbers")
-        found.shards[_of(str, value["path"])] = Shard(_of(int, value["size"]), kept, True)
+        found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept, True)
     elif event == "record":
-        found.records[_of(str, value["path"])] = _of(str, value["text"])
+        found.records[inside(value["path"])] = of_kind(str, value["text"])
     elif event == "closed":
         found.close()
+    elif event == "outdated":
+        found.outdated = {of_kind(str, name) for name in of_kind(list, value["cells"])}
     else:
-        files, a_cell = _files(value.get("files", ()))
+        files, a_cell = files_of(value.get("files", ()))
         status = value.get("status", "done")
         if status not in STATUS:
             raise ValueError(f"unknown status {status!r}")
         words = ("seconds", "clipped", "clipped_flux", "floored")
-        numbers = {name: float(_of((int, float), value.get(name, 0.0))) for name in words}
-        cell = _of(str, value["cell"])
-        platform = _of(str, value.get("platform", ""))
-        found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
+        numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
+        cell = of_kind(str, value["cell"])
+        platform = of_kind(str, value.get("platform", ""))
+        found.entries[cell] = Entry(event, of_kind(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
         found.files_a_cell += a_cell
+        found.outdated.discard(cell)
         if found.run is not None and event in ("done", "failed"):
             found.run.ended.add(cell)
-
-
-def _files(written: Any) -> tuple[tuple[Written, ...], int]:
-    """The chunks of a cell, and how many of them have a file of their own: of those an archive said only how large each was."""
-    files, a_cell = [], 0
-    for one in written:
-        if len(one) == 3:
-            path, size, _ = one
-            a_cell += 1
-            files.append(Written(_of(str, path), 0, "", 0, _of(int, size), 0))
-        else:
-            path, slot, part, *numbers = one
-            offset, size, digest = (_of(int, n) for n in numbers)
-            files.append(Written(_of(str, path), _of(int, slot), _of(str, part), offset, size, digest))
-        if any(abs(n) > LARGEST for n in (files[-1].slot, files[-1].offset, files[-1].size, files[-1].digest)):
-            raise ValueError("a number beyond all files")
-    return tuple(files), a_cell
-
-
-def _block(written: Any) -> dict[str, Any]:
-    words = {name: _of(str, written[name]) for name in ("codec", "form")}
-    block = {"block": [_of(int, n) for n in written["block"]], **words, "pieces": _of(int, written["pieces"])}
-    if min([*block["block"], block["pieces"]]) < 1:
-        raise ValueError("a block of nothing")
-    return block
-
-
-def _of(kind: Any, value: Any) -> Any:
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise TypeError(f"expected {kind}, got {type(value)}")
-    return value
-
-
-def _axis(written: list[Any]) -> list[Any]:
-    values = [_value(one) for one in written]
-    if len({isinstance(one, str) for one in values}) > 1 or not all(isinstance(one, str | int | float) for one in values):
-        raise ValueError("an axis of no values")
-    return values
 
 
 def is_done(entry: Entry | None, key: str) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from etendue.archive import crate, inputs, keeping, provenance
+from etendue.archive import crate, frames, inputs, keeping, provenance
 from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
@@ -86,6 +86,7 @@ class ArchiveKeeper:
             path = provenance.write_record(store.folder, plan, asked, resolved, told, store.durable)
             store.journal.record(path, (store.folder / path).read_text())
             self.recorded = True
+        store.behind.begun()
         return Work(plan, cells, todo, finished - todo, reasons, removed, pruned, stay, store.mended, store.blocks.moved)
 
     def _check_platform(self, old: Mapping[str, Any] | None, now: Mapping[str, Any]) -> None:
@@ -125,20 +126,22 @@ class ArchiveKeeper:
                     platform=entry.platform, size=sum(file.size for file in entry.files if (file.path, file.slot) in kept),
                 )  # fmt: skip
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
-        """Arrays of finished cells; all that are kept, or plain figures only."""
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
+        """Arrays of finished cells; all that are kept, or plain figures only, or of these those that are named."""
         found, plan = {}, self.store.plan
         for ref in refs:
             target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
             chosen = [v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})]
-            found[ref] = {v: target.read(v) for v in chosen}
+            found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
         return found
 
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
-        return self.store.shown() != self._keys(shown) or not self.store.sheet_is_whole()
+        return self.store.shown() != self._keys(shown) or not frames.sheet_is_whole(self.store.folder, self.store.manifest)
 
     def _keys(self, refs: Iterable[CellRef]) -> list[str]:
         return [self.store.plan.cells[ref].key for ref in refs]
@@ -154,11 +157,12 @@ class ArchiveKeeper:
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         store = self.store
         place = store.folder / "contact_sheet.png"
-        if sheet:
+        if sheet and sheet.table:
             tables = {
                 **tables,
                 "frames": {**sheet.table, "attrs": {**sheet.table.get("attrs", {}), "shown": self._keys(sheet.shown), "at": sheet.at}},
             }
+        if sheet:
             drawn = place.with_name(".contact_sheet.partial.png")  # beside its place: a link there is not followed
             drawn.unlink(missing_ok=True)
             sheet.draw(drawn)

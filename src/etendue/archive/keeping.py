@@ -44,7 +44,7 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
     """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
-    if plan is asked:
+    if plan.cells is asked.cells:
         return {ref: ref for ref in asked.cells}
     by_name = {name: ref for ref, name in Names(plan).items()}
     found = {ref: by_name.get(name) for ref, name in Names(asked).items()}

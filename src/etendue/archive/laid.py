@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from etendue.archive import layout as layouts
 from etendue.archive.chunks import Chunk
-from etendue.archive.cutting import Blocks, Cutter, chunk_shapes, cut
+from etendue.archive.cutting import Blocks, Whereabouts, chunk_shapes, cut
 from etendue.archive.entries import Entries
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, layout_of
 from etendue.archive.naming import Names
+from etendue.archive.pieces import known_chunk
 from etendue.archive.tree import Tree
 from etendue.plan.model import Cell, CellRef, Plan
 
@@ -50,8 +52,8 @@ class Laid:
         self.unmoved = {path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)}
         self.blocks = cut(plan, self.layout, self.axes, blocks)
         self.nodes = _nodes(self.layout)
-        self.cutters = {
-            path: [Cutter(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()]
+        self.whereabouts = {
+            path: [Whereabouts(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()]
             for path, group in self.layout.groups.items()
         }
 
@@ -112,9 +114,11 @@ class Laid:
         sizes = tuple(len(values) for values in merged.values())
         shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
         beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
+        beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         one = self.blocks[path][variable.name]
-        tree.put_cells(path, variable.name, shape, chunk_shapes(variable, one["block"]), variable.dtype, one["codec"], dims, attrs)
+        chunks = chunk_shapes(variable.shape, one["block"], known_chunk(variable.shape, one))
+        tree.put_cells(path, variable.name, shape, chunks, variable.dtype, one["codec"], dims, attrs)
 
     def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
         """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
@@ -128,7 +132,7 @@ class Laid:
         if path is None:
             return ()
         place = self.place(path, self.layout.groups[path].cells[cell.ref])
-        return tuple([chunk for cutter in self.cutters[path] for chunk in cutter.chunks(place)])
+        return tuple([chunk for one in self.whereabouts[path] for chunk in one.chunks(place)])
 
     def slots(self, ref: CellRef) -> list[Slot]:
         """The same as (shard, slot, slots of the shard)."""
@@ -137,9 +141,9 @@ class Laid:
             return []
         place = self.place(path, self.layout.groups[path].cells[ref])
         found = []
-        for cutter in self.cutters[path]:
-            file, slot = cutter.at(place)
-            found += [(file, slot + band, cutter.slots) for band in range(cutter.count)]
+        for one in self.whereabouts[path]:
+            file, slot = one.at(place)
+            found += [(file, slot + number, one.slots) for number in range(one.count)]
         return found
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.archive.drawing import drawing_attributes
 from etendue.archive.naming import Homes, Whole
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node, Plan
@@ -46,6 +47,7 @@ class VariableLayout:
     shape: tuple[int, ...]  # of one cell
     dtype: str
     attrs: dict[str, Any]
+    beside: str = ""  # the dim with which it is a coordinate of others
 
 
 @dataclass
@@ -86,7 +88,7 @@ def layout_of(plan: Plan) -> Layout:
             homes[node.name] = node.name
             own = {dim: list(plan.axis(dim).values) for dim in node.axes}
             groups[node.name] = GroupLayout(node.name, node.name, own, {}, {}, Whole(cells), attrs)
-            _fill(plan, node, groups[node.name], cells[:1], kept)
+            _fill(plan, node, groups[node.name], cells, kept, cells[:1])
             continue
         parents[node.name] = attrs
         shapes, home = _shape_names(cells), dict[CellRef, str]()
@@ -105,7 +107,7 @@ def layout_of(plan: Plan) -> Layout:
             groups[path].axes.update({dim: list(values) for dim, values in values_of.items()})
             own_cells = [cell for cell in cells if home[cell.ref] == path]
             groups[path].cells = _places(plan, node, groups[path], own_cells)
-            _fill(plan, node, groups[path], own_cells, kept)
+            _fill(plan, node, groups[path], own_cells, kept, own_cells)
     return Layout(groups, parents, Homes(plan, homes))
 
 
@@ -142,8 +144,8 @@ def _shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
     return names
 
 
-def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kept: Sequence[str]) -> None:
-    """Variables and coordinates, from cells among which every grid of the group is."""
+def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]) -> None:
+    """Variables and coordinates of every cell of a group, from ``cells`` among which all its grids are."""
     for dim in group.axes:
         axis = plan.axis(dim)
         attrs = {"long_name": camera.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
@@ -153,14 +155,34 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kep
         grid = cells[0].grids[name]
         dims = declaration.dims
         attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
+        attrs |= drawing_attributes(plan, node, every, name)
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
+        attrs |= _flags(name, cells[0])
         dtype = plan.precision if declaration.dtype == "float" or plan.expected else declaration.dtype
-        group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs)
+        group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside)
         for dim in dims:
             if dim not in group.coordinates:
                 _dim_coordinate(node, group, dim, {c.ref: c.grids[name][dim] for c in cells})
+
+
+def _flags(name: str, cell: Cell) -> dict[str, Any]:
+    """Attributes that name the values of a variable, in the words of the CF conventions; a NaN among them stands for none."""
+    known = variable(name)
+    named = known.flags or known.masks
+    if named:
+        return {"flag_masks" if known.masks else "flag_values": list(named.values()), "flag_meanings": " ".join(named)}
+    labels = next((g[known.names] for g in cell.grids.values() if known.names in g), None) if known.names else None
+    if not isinstance(labels, Labels):
+        return {}
+    meanings = ["_".join(str(entry).split()) for entry in labels.entries]
+    return {"flag_values": [float(i) for i in range(len(meanings))], "flag_meanings": " ".join(meanings)}
+
+
+def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
+    """The variables of a group that are coordinates of one of them."""
+    return [v.name for v in group.variables.values() if v.beside and v.beside in own.dims and v is not own and not own.beside]
 
 
 def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, layout_of
+from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
 from etendue.spec.ports import CellReport, Sheet
@@ -87,7 +87,9 @@ class MemoryKeeper:
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
         return ()
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]:
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]:
         return {}
 
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
@@ -99,7 +101,7 @@ class MemoryKeeper:
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
-        return self._tree({**tables, "frames": sheet.table} if sheet else tables), []
+        return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
 
     def placed(self, ref: CellRef) -> dict[str, Any]:
         """The arrays of a cell as they stand in their places."""
@@ -144,6 +146,8 @@ class MemoryKeeper:
         }
         if BOUNDS in coordinates:
             data[BOUNDS] = coordinates.pop(BOUNDS)
+        beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
+        coordinates |= {name: data.pop(name) for name in beside}
         return xarray.Dataset(data, coordinates, layout.attrs)
 
     def _tree(self, tables: Mapping[str, Mapping[str, Any]]) -> xarray.DataTree:

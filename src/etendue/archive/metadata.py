@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import google_crc32c
+import msgspec
 import numpy as np
 from numcodecs import VLenUTF8, Zstd
 
@@ -22,7 +23,12 @@ TEXT = "text"
 
 
 def document(node: Mapping[str, Any]) -> bytes:
-    return json.dumps(node, indent=2).encode()
+    """A node as zarr writes it: the bytes of ``json.dumps(node, indent=2)``, whose indenting alone takes five times as long."""
+    compact = json.dumps(node)
+    try:
+        return msgspec.json.format(compact.encode(), indent=2)
+    except msgspec.DecodeError:  # NaN, which is no JSON: an attribute that a plugin gave
+        return json.dumps(node, indent=2).encode()
 
 
 def group_node(attrs: Mapping[str, Any]) -> dict[str, Any]:

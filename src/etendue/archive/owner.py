@@ -1,13 +1,18 @@
-"""Who owns an archive: what stands in ``run.id``, so that the workers of a run that is over stop.
+"""Who owns an archive: its lock, and what stands in ``run.id``, so that the workers of a run that is over stop.
 
-In:  nothing, or what is in the file.
-Out: a name for a run, which tells whether it was changed since.
+In:  the folder of an archive; nothing, or what is in the file.
+Out: whether a run owns it; a name for a run, which tells whether it was changed since.
 """
 
 from __future__ import annotations
 
+import fcntl
+import os
 import uuid
 import zlib
+from pathlib import Path
+
+from etendue.archive.behind import behind
 
 ABANDONED = "abandoned"  # in place of the owner's name: a stage did not end when the run was interrupted
 
@@ -21,3 +26,20 @@ def fresh_id() -> str:
 def is_id(text: bytes) -> bool:
     """Whether ``run.id`` holds what a run has written there; earlier ones wrote no checksum."""
     return text == ABANDONED.encode() or len(text) == 32 or (len(text) == 40 and text[32:] == f"{zlib.crc32(text[:32]):08x}".encode())
+
+
+def is_running(folder: Path) -> bool:
+    """Whether a run owns an archive now."""
+    if behind(folder).running:
+        return True
+    try:
+        handle = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        return False
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)

@@ -75,6 +75,10 @@ class Part:
                 os.fsync(self._open())
                 self.synced = self.written
 
+    def settled(self) -> bool:
+        """Whether nothing is left to be settled."""
+        return not self.waiting and not (self.durable and self.synced < self.written)
+
     def flush(self) -> None:
         """What was appended stands in the file."""
         with self.lock:
@@ -153,15 +157,22 @@ class Parts:
             return part.name, offset
 
     def settle(self, root: str, run_id: str) -> None:
-        """Whatever the threads of this process have appended stands in its files."""
+        """Whatever the threads of this process have appended stands in its files.
+
+        A part is on the list until it is settled: a thread that finds nothing left of its own may tell of its cells, and
+        the owner makes a shard of them.
+        """
         check_owner(root, run_id)
         with self.lock:
-            parts = list(self.unsettled.pop(root, {}).values())
+            parts = list(self.unsettled.get(root, {}).values())
         for part in parts:
             try:
                 part.settle()
             except Taken:
                 raise ArchiveInUse(f"{root} belongs to another run now; this one stops") from None
+            with self.lock:
+                if part.settled():  # no other thread has appended to it since
+                    self.unsettled.get(root, {}).pop(part.name, None)
 
     def flush(self, root: str) -> None:
         """What was appended can be read, by whoever opens its file."""

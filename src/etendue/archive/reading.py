@@ -24,6 +24,7 @@ from etendue.archive.entries import Entry
 from etendue.archive.finding import Finder
 from etendue.archive.journal import NAME, Read, read
 from etendue.archive.manifest import DATA
+from etendue.archive.pieces import Window, counts_of, joined, known_chunk, pieces_of, window_of
 from etendue.archive.shards import Place, fits, part_path, read_bytes
 from etendue.errors import ArchiveError
 from etendue.spec.ports import Written
@@ -40,7 +41,17 @@ class Form:
     shape: tuple[int, ...]  # of one cell
     codec: str
     block: tuple[int, ...]  # axis values that share a shard
-    pieces: int = 1  # chunks of one cell: its bands, where they are stored one by one
+    chunk: tuple[int, ...]  # of its bands, where they are stored one by one
+
+    @property
+    def pieces(self) -> int:
+        """Chunks of one cell."""
+        return pieces_of(self.shape, self.chunk)
+
+    @property
+    def stored(self) -> tuple[int, ...]:
+        """The shape of a chunk as it is decoded."""
+        return self.chunk if self.pieces > 1 else self.shape
 
     @property
     def slots(self) -> int:
@@ -68,9 +79,13 @@ class StoredChunk:
         return tuple(int(n) * size + at for n, size, at in zip(shard, self.form.block, reversed(local), strict=True))
 
     @property
-    def band(self) -> int | None:
-        """Which band of the variable it is; None: all of it."""
-        return self.written.slot % self.form.pieces if self.form.pieces > 1 else None
+    def window(self) -> Window | None:
+        """Which part of the cell it is; None: all of it."""
+        shape, chunk = self.form.shape, self.form.chunk
+        counts = counts_of(shape, chunk)
+        if prod(counts) == 1:
+            return None
+        return window_of(shape, chunk, [int(i) for i in np.unravel_index(self.written.slot % prod(counts), counts)])
 
 
 @dataclass(frozen=True)
@@ -104,6 +119,7 @@ class StoredArchive:
     ----------
     journal : everything that it says
     cells : by name, those that are done
+    held : by name, also those that a run was about to replace: their chunks are there until it does
     """
 
     def __init__(self, folder: Path, journal: Read | None = None) -> None:
@@ -114,7 +130,12 @@ class StoredArchive:
 
     @cached_property
     def cells(self) -> Mapping[str, StoredCell]:
-        done = {name: entry for name, entry in self.journal.entries.items() if entry.event == "done"}
+        outdated = self.journal.outdated
+        return {name: cell for name, cell in self.held.items() if name not in outdated} if outdated else self.held
+
+    @cached_property
+    def held(self) -> Mapping[str, StoredCell]:
+        done = {name: self.journal.entries[name] for name in self.journal.said.done()}
         return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> Place | None:
@@ -134,9 +155,7 @@ class StoredArchive:
         own = [chunk for chunk in cell.chunks if chunk.variable == variable]
         if not own:
             raise ArchiveError(f"{self.folder}: of {cell.name} no {variable} is kept")
-        arrays = [self._array(chunk) for chunk in sorted(own, key=lambda chunk: chunk.written.slot)]
-        whole = arrays[0] if len(arrays) == 1 else np.stack(arrays)
-        return whole.reshape(own[0].form.shape)
+        return joined(((chunk.window, self._array(chunk)) for chunk in own), [chunk.window for chunk in own])
 
     def check(self, cells: Iterable[StoredCell] | None = None) -> Iterator[Damage]:
         """Read every chunk of some cells (all), in the order of the files, and every index beside them; gives what is damaged."""
@@ -169,7 +188,7 @@ class StoredArchive:
             return "missing"
         if self.journal.files_a_cell:
             try:
-                decode(data, chunk.form.dtype, self._chunk_shape(chunk), chunk.form.codec)
+                decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
             except ArchiveError as error:
                 return str(error)
             return ""
@@ -188,11 +207,16 @@ class StoredArchive:
         data = read_bytes(self.folder, place)
         if not self.journal.files_a_cell and not fits(data, place):
             raise ArchiveError(f"{self.folder / path}: the bytes of chunk {slot} do not fit their checksum")
-        return decode(data, chunk.form.dtype, self._chunk_shape(chunk), chunk.form.codec)
+        return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
 
-    @staticmethod
-    def _chunk_shape(chunk: StoredChunk) -> tuple[int, ...]:
-        return chunk.form.shape[1:] if chunk.form.pieces > 1 else chunk.form.shape
+    def slots_of(self, paths: Iterable[str]) -> dict[str, int]:
+        """How many chunks each of some shards has room for; of arrays of which the journal says it."""
+        found = {}
+        for path in paths:
+            group, _, variable = path.removeprefix(f"{DATA}/").rpartition("/")[0].rpartition("/")
+            if variable in self.journal.blocks.get(group, {}):
+                found[path] = self._form(group, variable).slots
+        return found
 
     # -- what the chunks are ------------------------------------------------------------------------------------------
 
@@ -211,7 +235,7 @@ class StoredArchive:
             return self._form_of_files(f"{group}/{variable}")
         dtype, _, shape = known["form"].partition(" ")
         sizes = tuple(int(n) for n in shape.split("x") if n)
-        return Form(dtype, sizes, known["codec"], tuple(known["block"]), known["pieces"])
+        return Form(dtype, sizes, known["codec"], tuple(known["block"]), known_chunk(sizes, known))
 
     def _form_of_files(self, path: str) -> Form:
         """Of an archive with a file for every chunk: as its metadata says."""
@@ -223,8 +247,7 @@ class StoredArchive:
             axes = len(self.journal.axes[path.rpartition("/")[0]])
             assert len(shape) == len(dims) == len(chunks) >= axes
             own, cut = tuple(shape[axes:]), tuple(chunks[axes:])
-            pieces = own[0] if own and cut[0] == 1 < own[0] else 1
-            return Form(str(document["data_type"]), own, CODEC, (1,) * axes, pieces)
+            return Form(str(document["data_type"]), own, CODEC, (1,) * axes, tuple(max(n, 1) for n in cut))
         except (AssertionError, KeyError, TypeError, IndexError):
             raise ArchiveError(f"{self.folder / DATA / path}: nothing readable says what its chunks are") from None
 

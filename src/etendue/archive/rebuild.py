@@ -18,6 +18,7 @@ from etendue.archive import disk, provenance, remembered
 from etendue.archive.chunks import CODEC, RAW
 from etendue.archive.inputs import digest_now
 from etendue.archive.manifest import DATA, DIGITS, Manifest, digest_of
+from etendue.archive.pieces import pieces_of
 from etendue.archive.store import Archive
 from etendue.archive.stored import Stored
 from etendue.archive.verify import STRAYS, Verified
@@ -128,10 +129,11 @@ def _block(document: Mapping[str, Any], axes: int) -> dict[str, Any]:
     shard = next((one["configuration"] for one in document["codecs"] if one["name"] == "sharding_indexed"), None)
     inner = shard["chunk_shape"][axes:] if shard else outer[axes:]
     codecs = [one["name"] for one in (shard["codecs"] if shard else document["codecs"])]
-    banded = bool(shape) and inner[0] == 1 < shape[0]
+    count = pieces_of(shape, inner)
     return {
         "block": list(outer[:axes]),
         "codec": CODEC if "blosc" in codecs else RAW,
         "form": f"{document['data_type']} {'x'.join(map(str, shape))}",
-        "pieces": shape[0] if banded else 1,
+        "pieces": count,
+        **({"chunk": list(inner)} if count > 1 else {}),
     }

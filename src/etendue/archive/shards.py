@@ -21,7 +21,7 @@ from typing import Any
 import google_crc32c
 import numpy as np
 
-from etendue.archive import disk
+from etendue.archive import disk, standins
 from etendue.spec.ports import Written
 
 LARGEST = 64 << 20  # bytes of a shard; beyond it there are more shards
@@ -166,6 +166,8 @@ def read_bytes(root: Path, place: Place) -> bytes:
     """What stands in the place of a chunk; fewer bytes where the file ends before."""
     handle = os.open(root / place.file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
+        if standins.is_stand_in(handle):
+            return standins.read(root, place.file, handle, place.offset, place.size)
         data = os.pread(handle, place.size, place.offset)
         while len(data) < place.size:
             more = os.pread(handle, place.size - len(data), place.offset + len(data))
@@ -262,7 +264,7 @@ def _copied(root: Path, target: int, end: int, places: Mapping[int, Place]) -> I
         at = end - sum(length for _, _, length in runs)
         for file, start, length in runs:
             if file not in opened:
-                opened[file] = os.open(root / file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+                opened[file] = standins.opened(root, file)
             disk.copy_range(opened[file], start, target, at, length)
             at += length
     finally:

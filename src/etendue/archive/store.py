@@ -27,6 +27,7 @@ from typing import Any
 
 from etendue.archive import disk, frames
 from etendue.archive.accepting import Former, accepted
+from etendue.archive.behind import behind
 from etendue.archive.blocks import Blocks, Slots, Stored
 from etendue.archive.chunks import CellFiles
 from etendue.archive.clearing import CHUNK, half_written, nodes_on_disk, remove_node, sweep
@@ -70,6 +71,7 @@ class Archive:
         self.former = Former()  # of the platform of the last run, where that is accepted
         self.run_id = fresh_id()
         self.place = str(self.folder)
+        self.behind = behind(self.folder)
 
     # -- opening --------------------------------------------------------------------------------------
 
@@ -87,6 +89,8 @@ class Archive:
         try:
             try:
                 fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if not os.path.samestat(os.fstat(self.lock), os.stat(self.folder / "lock")):
+                    raise BlockingIOError  # the archive was written anew between the two
             except BlockingIOError:
                 raise ArchiveInUse(f"{self.folder} is in use by another run") from None
             self.listing = disk.Listing(self.folder)
@@ -235,7 +239,8 @@ class Archive:
         names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
         earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self.journal.end((name, Entry("removed", self.journal.entries[name].key, (), "not_computed")) for name in left)
+        self.journal.set_outdated(self.journal.entries.done_otherwise((self.names[ref], self.plan.cells[ref].key) for ref in self.todo))
+        self.journal.give_up(left)
         self._say_what_was_damaged()
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
         sweep(self.folder, self.listing, self._parts_of_done_cells())
@@ -276,6 +281,7 @@ class Archive:
     def change(self) -> None:
         """The archive is the run's own from now on, and not in order until it has ended."""
         if not self.touched:
+            self.behind.own()
             self.touched = True
             self.journal.open()
             disk.write(self.folder, "run.id", self.run_id.encode(), self.durable)
@@ -339,35 +345,24 @@ class Archive:
             complete += self.blocks.ended(self.laid.slots(ref), written)
         self.journal.end(lines, remember=False)
         self.blocks.put(complete)
+        self.behind.sealed(complete)
 
     # -- closing --------------------------------------------------------------------------------------
 
-    def _frames(self) -> dict[str, bytes]:
-        """The files of the pictures of an earlier run; none where they are not whole."""
-        folder = f"{DATA}/{FRAMES}"
-        files = {path.removeprefix(f"{DATA}/"): disk.content_of(self.folder / path) or b"" for path in self.listing.below(folder)}
-        return files if frames.whole(files) else {}
-
     def shown(self) -> Any:
         """The keys of the cells whose pictures an earlier run has left; None where there are no whole ones."""
-        return frames.attributes(self._frames()).get("shown")
-
-    def sheet_is_whole(self) -> bool:
-        """Whether the contact sheet of an earlier run is there as it was written."""
-        known = self.manifest.files.get("contact_sheet.png") if self.manifest else None
-        data = disk.content_of(self.folder / "contact_sheet.png") or b""
-        if known is not None:
-            return hashlib.sha256(data).hexdigest() == known
-        return data.startswith(b"\x89PNG") and data.endswith(b"IEND\xaeB`\x82")
+        return frames.attributes(frames.stored(self.folder, self.listing)).get("shown")
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the one before."""
+        lacking = (ref for ref in self.todo if not self.ended[self.plan.numbers.of(ref)] and ref not in self.held)
+        self.journal.give_up(self.journal.entries.done_among(map(self.names.__getitem__, lacking)))  # shards are made without them
         self.blocks.close()
         self.laid.put_status(self.tree, self.journal.entries, self.todo, self.ended)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:
-                self.tree.take(self._frames() if name == FRAMES else {})
+                self.tree.take(frames.stored(self.folder, self.listing) if name == FRAMES else {})
                 continue
             for column, (dims, values, attrs) in tables[name]["arrays"].items():
                 self.tree.put_array(name, column, values, dims, attrs)

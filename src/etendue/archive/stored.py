@@ -21,6 +21,8 @@ from etendue.archive.journal import Read
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, Manifest, digest_of, read_manifest
 from etendue.archive.naming import cell_label
+from etendue.archive.owner import is_running
+from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
 from etendue.errors import ArchiveError
@@ -48,30 +50,42 @@ class StoredArrays:
         ArchiveError
             Something of it is missing, or not as it was written.
         """
-        own = sorted((one for one in self.chunks if one[0].variable == variable), key=lambda one: one[0].written.slot)
-        arrays = [self._array(chunk, place) for chunk, place in own]
-        return (arrays[0] if len(arrays) == 1 else np.stack(arrays)).reshape(own[0][0].form.shape)
+        own = [one for one in self.chunks if one[0].variable == variable]
+        return joined(((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own])
 
     def read_band(self, variable: str, band: int) -> Any:
-        """One band of a variable that is stored by band."""
-        return next(self._array(chunk, place) for chunk, place in self.chunks if chunk.variable == variable and chunk.band == band)
+        """One wavelength band of a variable that is stored by band."""
+        own = [(c, place) for c, place in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
+        return joined(((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own])[0]
 
-    def bands(self, variable: str) -> list[int]:
-        """The bands of a variable that is stored by band; none of another."""
-        return sorted(chunk.band for chunk, _ in self.chunks if chunk.variable == variable and chunk.band is not None)
+    def parts(self, variable: str) -> Iterator[tuple[Window | None, Any]]:
+        """The parts that a variable is stored in, one by one: which of the cell, and their arrays."""
+        for chunk, place in self.chunks:
+            if chunk.variable == variable:
+                yield chunk.window, joined([(chunk.window, self._array(chunk, place))], [chunk.window])
+
+    def windows(self, variable: str) -> list[Window | None]:
+        """Which parts those are."""
+        return [chunk.window for chunk, _ in self.chunks if chunk.variable == variable]
+
+    def _bytes(self, place: Place | None) -> bytes | None:
+        try:
+            return read_bytes(Path(self.root), place) if place else None
+        except OSError:
+            return None
 
     def _array(self, chunk: StoredChunk, place: Place | None) -> Any:
-        path, shape = chunk.written.path, chunk.form.shape[1:] if chunk.form.pieces > 1 else chunk.form.shape
-        try:
-            data = read_bytes(Path(self.root), place) if place else None
-        except OSError:
-            data = None
+        path = chunk.written.path
+        data = self._bytes(place)
+        if (data is None or place is None or (self.digested and not fits(data, place))) and is_running(Path(self.root)):
+            place = StoredArchive(Path(self.root)).place(chunk)  # its part may have become a shard since
+            data = self._bytes(place)
         if data is None or place is None:
             raise ArchiveError(f"{path}: chunk {chunk.written.slot} is missing")
         if self.digested and not fits(data, place):
             raise ArchiveError(f"{path}: the bytes of chunk {chunk.written.slot} are not as they were written")
         try:
-            return decode(data, chunk.form.dtype, shape, chunk.form.codec)
+            return decode(data, chunk.form.dtype, chunk.form.stored, chunk.form.codec)
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from None
 
@@ -157,7 +171,7 @@ class Stored:
         if self.journal.files_a_cell:
             return []
         said = self.journal.said
-        chunks = [self.archive.chunk(said.files[number]) for number in said.shards().values()]  # one of each shard
+        chunks = [self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()]  # one of each shard
         kept = [chunk for chunk in chunks if self.keeps(chunk.group, chunk.variable)]
         return [c.written.path for c in kept if self.archive.finder.odd(c.written.path, c.form.slots)]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive import disk
-from etendue.archive.clearing import nodes_on_disk
+from etendue.archive.clearing import ASIDE, nodes_on_disk
 from etendue.archive.manifest import DATA, Manifest, digest_of
 from etendue.archive.provenance import latest_record
 from etendue.archive.tree import ROOT
@@ -23,7 +23,7 @@ from etendue.spec.names import TABLES
 
 def check_ours(folder: Path) -> None:
     """Refuse a directory that holds something else."""
-    names = set(os.listdir(folder)) if folder.is_dir() else {""}
+    names = {name for name in os.listdir(folder) if not ASIDE.fullmatch(name)} if folder.is_dir() else {""}
     begun = names <= {"lock", "journal.jsonl", "run.id", DATA} and not any(p.is_dir() for p in (folder / DATA).glob("*"))
     if begun or "etendue" in _root_attributes(folder):
         return

@@ -18,12 +18,11 @@ from typing import Any
 
 from etendue.archive import disk, remembered
 from etendue.archive.again import every_record
-from etendue.archive.describe import is_running
 from etendue.archive.inputs import digest_now
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.manifest import DATA, digest_of
 from etendue.archive.manifest import NAME as MANIFEST
-from etendue.archive.owner import is_id
+from etendue.archive.owner import is_id, is_running
 from etendue.archive.reading import ELSEWHERE, StoredChunk
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError, ArchiveInUse
@@ -119,7 +118,7 @@ class _Look:
         self.known = self.stored.manifest
         self.expected: set[str] = set()  # files of the store that are named
         self.lines_lost = False
-        own = [c for cell in self.stored.archive.cells.values() for c in cell.chunks if self.stored.keeps(c.group, c.variable)]
+        own = [c for cell in self.stored.archive.held.values() for c in cell.chunks if self.stored.keeps(c.group, c.variable)]
         files = {**self.known.metadata, **self.known.files} if self.known else {}
         self.total = sum(c.written.size for c in own) + sum(_size(folder / path) for path in files)
 
@@ -157,12 +156,12 @@ class _Look:
     def _forgotten(self) -> Iterator[Damage]:
         """Cells that are finished by their status, and not by the journal; those of which it says something else than the ledger."""
         ledger = self.stored.by_ledger()
-        for name, cell in self.stored.archive.cells.items() if ledger is not None else ():
+        for name, cell in self.stored.archive.held.items() if ledger is not None else ():
             said = (cell.stage, cell.entry.key, cell.entry.status, cell.entry.clipped, cell.entry.clipped_flux)
             if said not in (ledger or ()):
                 yield Damage("changed", JOURNAL, "its line says something else than the ledger", cell.stage, name)
         for group, name in self.stored.by_status():
-            if name not in self.stored.finished:
+            if name not in self.stored.archive.held:
                 yield Damage("changed", JOURNAL, "its line is lost", group, name)
 
     def metadata(self) -> Iterator[Damage]:
@@ -188,13 +187,13 @@ class _Look:
         archive, journal = self.stored.archive, self.stored.journal
         shards: dict[str, dict[int, StoredChunk]] = {}
         named: set[str] = set()  # shards of which a damage is named already
-        for cell in archive.cells.values():
+        for cell in archive.held.values():
             own = [chunk for chunk in cell.chunks if self.stored.keeps(chunk.group, chunk.variable)]
             self.found.cells += bool(own)
             for chunk in own:
                 self.expected.add(chunk.written.path)
                 shards.setdefault(chunk.written.path, {})[chunk.written.slot] = chunk
-        for damage in archive.check():
+        for damage in archive.check(archive.held.values()):
             array = _array(damage.path)
             if not self.stored.keeps(*_split(array)):
                 continue
@@ -314,7 +313,7 @@ class _Look:
 
     def _parts(self) -> Iterator[Any]:
         archive = self.stored.archive
-        for cell in archive.cells.values():
+        for cell in archive.held.values():
             for chunk in cell.chunks:
                 place = archive.place(chunk)
                 if place is not None:

@@ -1,14 +1,16 @@
-"""Commands that say what is installed: ``stages``, ``quantities``, ``sensors``."""
+"""Commands that say what is installed: ``stages``, ``quantities``, ``sensors``, ``schema``."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
 from etendue.cli.options import JSON, NAME
-from etendue.cli.saying import command, tell
+from etendue.cli.saying import command, say, tell
 
 
 def _tell(as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any) -> None:
@@ -67,3 +69,22 @@ def sensors(name: str | None, as_json: bool) -> None:
     from etendue.spec.presets import preset_names
 
     _tell(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)
+
+
+@command("schema")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="A file instead of the terminal.")
+def schema(output: Path | None) -> None:
+    """A JSON Schema of pipeline files, with the stages and quantities of installed plugins: editors complete and check by it.
+
+    With the schema in a file, `#:schema ./etendue.schema.json` as the first line of a pipeline tells editors that use taplo (such as
+    VS Code with Even Better TOML) where it is.
+    """
+    from etendue.registry import installed_stages
+    from etendue.schema import schema as make
+
+    document = make(installed_stages())
+    if output is None:
+        say(document)
+    else:
+        output.write_text(json.dumps(document, indent=1), encoding="utf-8")
+        click.echo(f"{output}: complete pipelines by it with a first line '#:schema ./{output.name}'")

@@ -14,6 +14,28 @@ from typing import Any
 
 import click
 
+
+class _Place(click.ParamType[Any]):
+    """Where an archive is: a folder, or ``s3://bucket/prefix/name``."""
+
+    name = "place"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
+        return str(value) if "://" in str(value) else Path(value)
+
+
+class _Folder(click.ParamType[Any]):
+    """A folder of this machine, and no URL."""
+
+    name = "folder"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        if "://" in str(value):
+            self.fail(f"{value}: only a folder can be written to here; copy it to an object store when it is whole", param, ctx)
+        return Path(value)
+
+
+PLACE, FOLDER = _Place(), _Folder()
 Adds = Callable[[Any], Any]
 REPEAT = "; may be repeated."
 SETTING = "camera.f_number=4, sharpen.strength=0.3" + REPEAT
@@ -32,6 +54,11 @@ SCHEDULER = click.option(
     help="serial, threads, processes, distributed (a Dask cluster of this machine for the run), or tcp://host:port.",
 )
 WORKERS = click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
+
+
+def from_here(here: Path, place: Path | str) -> Path | str:
+    """A place as seen from a folder that was once the working directory: a plugin may change it."""
+    return here / place if isinstance(place, Path) else place
 
 
 def settings(example: str = SETTING) -> Adds:

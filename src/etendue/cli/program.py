@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from etendue import interrupts
-from etendue.cli import catalogue, compacting, comparisons, exports, runs, stability, trust
+from etendue.cli import (
+    beginnings,
+    catalogue,
+    compacting,
+    comparisons,
+    exports,
+    imports,
+    information,
+    measuring,
+    pages,
+    plots,
+    runs,
+    stability,
+    trust,
+)
 from etendue.cli.saying import say
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -19,10 +33,15 @@ class _Main(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.obj = "--json" in args
-        return super().parse_args(ctx, args)
+        try:
+            return super().parse_args(ctx, args)  # prints --help and --version
+        except BrokenPipeError:
+            os._exit(141)
+        except OSError as error:
+            return self._refused(ctx, error)
 
     def invoke(self, ctx: click.Context) -> Any:
-        from etendue.errors import EtendueError, RequestError, machine_text
+        from etendue.errors import EtendueError, RequestError
         from etendue.telling import plain, printable, said, where
 
         as_json = bool(ctx.obj)
@@ -44,13 +63,12 @@ class _Main(click.Group):
         except BrokenPipeError:  # whoever read the output has gone
             os._exit(141)
         except OSError as error:
-            click.echo(printable(machine_text(error)), err=True)
-            ctx.exit(5)
+            self._refused(ctx, error)
         except MemoryError as error:
             click.echo(f"the machine is short of memory ({plain(str(error)) or 'nothing more is known'}); the archive is intact", err=True)
             ctx.exit(5)
         except KeyboardInterrupt as error:
-            click.echo(interrupts.INTACT, err=True)
+            click.echo(interrupts.line(), err=True)
             ctx.exit(getattr(error, "exit_code", 130))
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
@@ -61,6 +79,13 @@ class _Main(click.Group):
                 f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows", err=True
             )
             ctx.exit(1)
+
+    def _refused(self, ctx: click.Context, error: OSError) -> NoReturn:
+        from etendue.errors import machine_text
+        from etendue.telling import printable
+
+        click.echo(printable(machine_text(error)), err=True)
+        ctx.exit(5)
 
 
 @click.group(cls=_Main, context_settings=CONTEXT)
@@ -78,22 +103,34 @@ def main() -> None:
     etendue verify smallest                 every byte as it was written? --repair mends it
     etendue reproduce smallest              compute it again and compare, cell by cell
     etendue diff smallest other             which cells of two archives differ, by how much, since what
+    etendue report smallest                 one HTML page to read and send on
+    etendue view smallest                   every pixel of every stage, live, in a browser
+    etendue plot smallest                   maps, curves, fronts, pictures of it; --list says which
     etendue export smallest --dng           raw files that other converters open
     etendue compact OLD NEW                 an archive written anew, its axes sorted
     etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
     etendue quality FILE                    every camera of a sweep against the ideal one
     etendue noise FILE                      noise behind every stage, predicted and found
+    etendue emva FILE                       a sensor measured after EMVA 1288, beside what it should be
+    etendue information FILE                bits a pixel of fine detail, and where they are lost
+    etendue losses FILE                     which stage is owed the lost contrast, SNR and colour
     etendue accuracy FILE                   error against run time, of every knob and of combinations
     etendue stability                       every stage where numbers are hard
     etendue sensors                         sensors whose parameters are published
+    etendue new NAME                        a commented pipeline to begin with
+    etendue new-plugin NAME --role ROLE     a stage of your own, in a distribution that installs
+    etendue import CUBE                     a spectral cube of another program as a scene
+    etendue schema                          the form of pipeline files, for editors
     """
 
 
 for _command in (
     *(runs.plan, runs.run, runs.rerun, runs.archive),
-    *(catalogue.stages, catalogue.quantities, catalogue.sensors),
-    *(comparisons.compare, comparisons.quality, comparisons.noise, comparisons.accuracy),
-    *(stability.stability, exports.export, compacting.compact),
+    *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
+    *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
+    *(information.information, information.losses),
+    *(stability.stability, pages.report, pages.view, exports.export, plots.plot, compacting.compact),
+    *(beginnings.new, beginnings.new_plugin, imports.take),
     *(trust.verify, trust.reproduce, trust.diff),
 ):
     main.add_command(_command)

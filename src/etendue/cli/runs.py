@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli.options import JSON, SCHEDULER, WORKERS, Given, pipeline_options
+from etendue.cli.options import JSON, PLACE, SCHEDULER, WORKERS, Given, from_here, pipeline_options
 from etendue.cli.saying import command, say, show, tell
 
 
@@ -78,7 +78,9 @@ def _how(function: Any) -> Any:
 
 @command("run")
 @pipeline_options
-@click.option("--archive", type=click.Path(path_type=Path), metavar="DIR", help="Where results are kept; default ./<name of the pipeline>.")
+@click.option(
+    "--archive", type=PLACE, metavar="DIR|URL", help="Where results are kept: a folder or s3://bucket/prefix/name; default ./<its name>."
+)  # fmt: skip
 @_how
 @click.option("--measure", is_flag=True, help="Measure the global error of what is wanted, on sample cells against the reference.")
 @click.option(
@@ -88,7 +90,7 @@ def _how(function: Any) -> Any:
     help="Find the loosest tolerance with which what is wanted stays within E of the reference, and run with it.",
 )
 def run(
-    given: Given, as_json: bool, archive: Path | None, scheduler: str, workers: int | None, measure: bool, hold: float | None,
+    given: Given, as_json: bool, archive: Path | str | None, scheduler: str, workers: int | None, measure: bool, hold: float | None,
     quiet: bool, **how: Any,
 ) -> None:  # fmt: skip
     """Run a pipeline: compute what is not there yet, keep it, show it.
@@ -107,20 +109,24 @@ def run(
     options = Options(check_scheduler(scheduler), workers or 0, **how)
     check_timeout(options)
     pipeline = _pipeline(given)
-    folder = here / (archive or pipeline.name)
-    held = _held(pipeline, hold, folder, options, quiet) if hold is not None else None
-    made = _plan(given, quiet or as_json, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
-    _warn(made, as_json)
-    measurement = _measurement(made, options, quiet) if measure and not held else None
-    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
-    measured = _measured(measurement, folder, made) if measurement and not held else None
-    if held:
-        from etendue.report.global_error import held_document
-        from etendue.studies import holding
-        from etendue.studies.stating import stated_elsewhere
+    place = from_here(here, archive or Path(pipeline.name))
+    from etendue.archive import places
 
-        holding.keep(held, folder)
-        measured = held_document(held, stated_elsewhere(made, held.measured, held.places))
+    with places.writing(place, scheduler) as folder:
+        held = _held(pipeline, hold, folder, options, quiet) if hold is not None else None
+        made = _plan(given, quiet or as_json, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
+        _warn(made, as_json)
+        measurement = _measurement(made, options, quiet) if measure and not held else None
+        outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+        measured = _measured(measurement, folder, made) if measurement and not held else None
+        if held:
+            from etendue.report.global_error import held_document
+            from etendue.studies import holding
+            from etendue.studies.stating import stated_elsewhere
+
+            holding.keep(held, folder)
+            measured = held_document(held, stated_elsewhere(made, held.measured, held.places))
+    outcome = places.placed(outcome, folder, place)
     if as_json:
         say({**outcome_document(outcome), **(measured or {})})
     else:
@@ -133,27 +139,30 @@ def run(
 
 
 @command("rerun")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+@click.argument("place", type=PLACE, metavar="ARCHIVE")
 @_how
 @JSON
-def rerun(folder: Path, as_json: bool, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
+def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
     """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its inputs.
 
     What is there and right stays; what is missing, damaged, or would come out differently now is computed. Exit codes as those
     of `run`.
     """
     interrupts.say(interrupts.INTACT)
-    folder = Path.cwd() / folder  # a plugin may change it
+    place = from_here(Path.cwd(), place)  # a plugin may change it
+    from etendue.archive import places
     from etendue.archive.again import recorded
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.session import Options, check_scheduler, check_timeout, execute
 
     options = Options(check_scheduler(scheduler), workers or 0, **how)
     check_timeout(options)
-    given = Given(folder)
-    made = _plan(given, quiet or as_json, recorded(folder).pipeline())
-    _warn(made, as_json)
-    outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    with places.writing(place, scheduler) as folder:
+        given = Given(folder)
+        made = _plan(given, quiet or as_json, recorded(folder).pipeline())
+        _warn(made, as_json)
+        outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
+    outcome = places.placed(outcome, folder, place)
     tell(as_json, outcome_document(outcome), lambda _: print_outcome(outcome))
     sys.exit(3 if outcome.failed else 0)
 
@@ -200,11 +209,14 @@ def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
 
 
 @command("show")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("place", type=PLACE, metavar="DIR")
 @JSON
-def archive(folder: Path, as_json: bool) -> None:
+def archive(place: Path | str, as_json: bool) -> None:
     """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
+    from etendue.archive import places
     from etendue.archive.describe import describe_archive
     from etendue.report.terminal import print_archive
 
-    tell(as_json, describe_archive(folder), print_archive)
+    with places.reading(place, inputs=False) as folder:
+        described = places.named(describe_archive(folder), folder, place)
+    tell(as_json, described, print_archive)

@@ -8,21 +8,21 @@ from pathlib import Path
 import click
 
 from etendue import interrupts
-from etendue.cli.options import JSON, SCHEDULER, WORKERS
+from etendue.cli.options import FOLDER, JSON, PLACE, SCHEDULER, WORKERS, from_here
 from etendue.cli.saying import command, tell
 
-_ARCHIVE = click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+_ARCHIVE = click.argument("place", type=PLACE, metavar="ARCHIVE")
 UNCHANGED = "interrupted; the archive is as it was"
 
 
 @command("reproduce")
 @_ARCHIVE
-@click.option("--into", type=click.Path(path_type=Path), metavar="DIR", help="Keep what is computed in an archive of its own.")
+@click.option("--into", type=FOLDER, metavar="DIR", help="Keep what is computed in an archive of its own.")
 @SCHEDULER
 @WORKERS
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
-def reproduce(folder: Path, into: Path | None, scheduler: str, workers: int | None, quiet: bool, as_json: bool) -> None:
+def reproduce(place: Path | str, into: Path | None, scheduler: str, workers: int | None, quiet: bool, as_json: bool) -> None:
     """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is computed.
 
     On the same platform every bit has to agree. On another one (processor features, numpy, scipy, Python) a cell may differ by
@@ -33,6 +33,7 @@ def reproduce(folder: Path, into: Path | None, scheduler: str, workers: int | No
     """
     interrupts.say(UNCHANGED)
     here = Path.cwd()  # a plugin may change it
+    from etendue.archive import places
     from etendue.report.terminal import TerminalProgress
     from etendue.report.trust import print_reproduction
     from etendue.session import Options, check_scheduler
@@ -40,16 +41,19 @@ def reproduce(folder: Path, into: Path | None, scheduler: str, workers: int | No
     from etendue.studies.reproducing import reproduce as again
 
     options = Options(check_scheduler(scheduler), workers or 0)
-    found = again(here / folder, options, None if quiet or as_json else TerminalProgress, here / into if into else None)
-    tell(as_json, document(found), print_reproduction)
+    place = from_here(here, place)
+    with places.reading(place) as folder:
+        found = again(folder, options, None if quiet or as_json else TerminalProgress, here / into if into else None)
+        said = places.named(document(found), folder, place)
+    tell(as_json, said, print_reproduction)
     sys.exit(0 if found.reproduced else 1)
 
 
 @command("diff")
-@click.argument("first", type=click.Path(path_type=Path), metavar="A")
-@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.argument("first", type=PLACE, metavar="A")
+@click.argument("second", type=PLACE, metavar="B")
 @JSON
-def diff(first: Path, second: Path, as_json: bool) -> None:
+def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     """Which cells of two archives differ, by how much, and since which parameter, code or input.
 
     Cells are matched by stage and axis values; an axis that only one archive has is matched at the value that the other has fixed.
@@ -57,10 +61,12 @@ def diff(first: Path, second: Path, as_json: bool) -> None:
     is wrong.
     """
     interrupts.say(UNCHANGED)
+    from etendue.archive import places
     from etendue.archive.differences import differences, document
     from etendue.report.trust import print_differences
 
-    found = document(first, second, differences(first, second))
+    with places.reading(first, inputs=False) as a, places.reading(second, inputs=False) as b:
+        found = places.named(places.named(document(a, b, differences(a, b)), a, first), b, second)
     tell(as_json, found, print_differences)
     sys.exit(0 if found["equal"] else 1)
 
@@ -78,7 +84,7 @@ def diff(first: Path, second: Path, as_json: bool) -> None:
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
 def verify(
-    folder: Path, repair: bool, sources: tuple[Path, ...], accept_platform: bool, scheduler: str, workers: int | None, quiet: bool,
+    place: Path | str, repair: bool, sources: tuple[Path, ...], accept_platform: bool, scheduler: str, workers: int | None, quiet: bool,
     as_json: bool,
 ) -> None:  # fmt: skip
     """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record, input, journal.
@@ -90,14 +96,17 @@ def verify(
     """
     interrupts.say(interrupts.INTACT if repair else UNCHANGED)
     here = Path.cwd()  # a plugin may change it
+    from etendue.archive import places
     from etendue.report.trust import print_repaired, print_verified, reading
 
+    place = from_here(here, place)
     with reading(silent=quiet or as_json) as told:
         if not repair:
             from etendue.archive.verify import document as of_verified
             from etendue.archive.verify import verify as look
 
-            checked = of_verified(look(here / folder, told))
+            with places.reading(place, exact=True) as folder:
+                checked = places.named(of_verified(look(folder, told)), folder, place)
         else:
             from etendue.report.terminal import TerminalProgress
             from etendue.session import Options, check_scheduler
@@ -105,7 +114,9 @@ def verify(
             from etendue.studies.repairing import repair as mend
 
             options = Options(check_scheduler(scheduler), workers or 0, accept_platform=accept_platform)
-            places = [here / path for path in sources]
-            checked = of_repaired(mend(here / folder, places, options, None if quiet or as_json else TerminalProgress, told))
+            sought = [here / path for path in sources]
+            with places.writing(place, scheduler, exact=True) as folder:
+                mended = mend(folder, sought, options, None if quiet or as_json else TerminalProgress, told)
+                checked = places.named(of_repaired(mended), folder, place)
     tell(as_json, checked, print_repaired if repair else print_verified)
     sys.exit(0 if checked["whole"] else 1)

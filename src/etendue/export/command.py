@@ -15,17 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from etendue.errors import Fault, RequestError
-from etendue.export import dng, tiff
-from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain, read_at
+from etendue.export import dng, png, tiff
+from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain
 from etendue.export.masks import mask_of, note
 from etendue.physics.electronics import amplifier
+from etendue.plots.places import read_at
 from etendue.registry import installed_stages
 from etendue.spec.roles import BALANCE, FULL_WELL
 
 MANY = 64
 WELL = ("pixel_pitch", "aperture_fraction", "full_well_density")
 GAIN = ("analogue_gain", "iso", "base_iso")
-SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff")}
+SUFFIXES = {"dng": (".dng",), "tiff": (".tif", ".tiff"), "png": (".png",)}
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Request:
     archive: Path
     dng: bool = False
     tiff: bool = False
-    variables: tuple[str, ...] = ()  # of the TIFF files; none: raw
+    png: bool = False
+    variables: tuple[str, ...] = ()  # of the TIFF and PNG files; none: raw, and the display values as PNG
     at: tuple[str, ...] = ()
     stage: str = ""
     output: Path | None = None
@@ -67,19 +69,21 @@ def export(request: Request) -> Exported:
     ------
     RequestError
         Nothing asked for, no such axis, value, stage or variable; a mask that DNG cannot say; a file that is there.
-    ArchiveError, ArchiveInUse
-        Not an archive; a run is writing to it.
+    ArchiveError
+        Not an archive, or damaged.
     """
-    if not request.dng and not request.tiff:
-        raise RequestError("say what to write: --dng, --tiff or both")
-    if request.variables and not request.tiff:
-        raise RequestError("--variable is for --tiff; a DNG file is always of raw")
+    if not request.dng and not request.tiff and not request.png:
+        raise RequestError("say what to write: --dng, --tiff, --png or several of them")
+    if request.variables and not request.tiff and not request.png:
+        raise RequestError("--variable is for --tiff and --png; a DNG file is always of raw")
     shelf = Shelf(request.archive)
     at = read_at(request.at)
     wanted = [("dng", "raw")] if request.dng else []
     wanted += [("tiff", variable) for variable in dict.fromkeys(request.variables or ("raw",))] if request.tiff else []
+    wanted += [("png", variable) for variable in dict.fromkeys(request.variables or ("rgb_display",))] if request.png else []
     stages = {variable: request.stage if len(wanted) == 1 or variable == "raw" else "" for _, variable in wanted}
-    frames = {variable: shelf.frames(variable, stages[variable]) for _, variable in wanted}
+    light = {variable for kind, variable in wanted if kind == "png"}  # bands of light are one picture in a PNG alone
+    frames = {variable: shelf.frames(variable, stages[variable], variable in light and not request.tiff) for _, variable in wanted}
     own = {variable: {k: v for k, v in at.items() if _has(found, k)} for variable, found in frames.items()}
     unused = {k: v for k, v in at.items() if not any(k in taken for taken in own.values())}
     if unused:
@@ -232,6 +236,8 @@ def _iso(shelf: Shelf, frame: Frame) -> float | None:
 def _writer(shelf: Shelf, job: _Job) -> Callable[[Path], None]:
     if job.kind == "dng":
         return lambda path: dng.write(path, raw_frame(shelf, job.frame))
+    if job.kind == "png":
+        return lambda path: png.write(path, png.array_of(job.frame), described(shelf, job.frame))
     encoded = job.frame.variable == "rgb_display" and _is_srgb(shelf, job.frame)
     return lambda path: tiff.write(path, job.frame.picture(), described(shelf, job.frame), _software(), _when(shelf), encoded)
 

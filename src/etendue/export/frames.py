@@ -7,10 +7,8 @@ Out: a ``Shelf`` for a variable, its ``Frame``s by axis values; arrays are read 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -24,13 +22,13 @@ from etendue.archive.layout import STATUS
 from etendue.archive.naming import cell_label
 from etendue.archive.provenance import latest_record
 from etendue.archive.stored import Stored
-from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError, nearest
-from etendue.spec.units import UnitError, to_unit
+from etendue.archive.vouched import VouchedStore
+from etendue.errors import ArchiveError, Fault, RequestError, nearest
+from etendue.plots.places import is_value
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
 MEND = "mend it: etendue verify --repair"
-SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
 
 
 @dataclass(frozen=True)
@@ -99,8 +97,6 @@ class Shelf:
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
         described = describe_archive(self.folder)
-        if described["running"]:
-            raise ArchiveInUse(f"{folder}: a run is writing to it; export when it has ended (how far it is: etendue show {folder})")
         record = latest_record(self.folder)
         assert record is not None  # describe_archive has refused such a folder
         self.record: dict[str, Any] = record
@@ -114,6 +110,10 @@ class Shelf:
     @cached_property
     def stored(self) -> Stored:
         return Stored(self.folder)
+
+    @cached_property
+    def store(self) -> Any:
+        return VouchedStore.of(self.stored.archive)
 
     @cached_property
     def journal(self) -> Mapping[str, Any]:
@@ -133,14 +133,15 @@ class Shelf:
         chosen = stage or stages[-1]
         return [Group(chosen, path, self._open(path)) for name, path in written if name == chosen]
 
-    def frames(self, variable: str, stage: str = "") -> list[Frame]:
-        """Every picture of a variable, in the order of the axes as stored."""
+    def frames(self, variable: str, stage: str = "", light: bool = False) -> list[Frame]:
+        """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture too."""
         found = []
         for group in self.groups(variable, stage):
             array = group.data[variable]
-            if array.dims[-2:] != ("y", "x") or not self._is_picture(group.path, variable):
-                raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture")
-            axes = [str(dim) for dim in array.dims if dim not in PLANE]
+            if array.dims[-2:] != ("y", "x") or not (light or self._is_picture(group.path, variable)):
+                way = "; as a plot: etendue plot" if array.dims[-2:] != ("y", "x") else "; --png shows it as an eye sees it"
+                raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
+            axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
             values = [_values(array, dim) for dim in axes]
             status = group.data["status"].to_numpy() if "status" in group.data else None
             depth = status.ndim if status is not None else 0
@@ -157,8 +158,7 @@ class Shelf:
 
     def _open(self, path: str) -> xarray.Dataset:
         if path not in self.opened:
-            store = str(self.folder / "data.zarr")
-            self.opened[path] = xarray.open_dataset(store, engine="zarr", group=path, chunks=None, consolidated=False)
+            self.opened[path] = xarray.open_dataset(self.store, engine="zarr", group=path, chunks=None, consolidated=False)
         return self.opened[path]
 
     # -- what is known of one -------------------------------------------------------------------------
@@ -235,21 +235,6 @@ def _values(data: Any, dim: str) -> list[Any]:
 # -- choosing -------------------------------------------------------------------------------------------------
 
 
-def read_at(texts: tuple[str, ...]) -> dict[str, str]:
-    """``("f_number=2.8",)`` to ``{"f_number": "2.8"}``."""
-    found, faults = {}, []
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals or not name.strip() or not value.strip():
-            faults.append(Fault(f"--at {text}", "expected axis=value"))
-        elif name.strip() in found:
-            faults.append(Fault(f"--at {text}", f"{name.strip()} is given twice"))
-        found[name.strip()] = value.strip()
-    if faults:
-        raise RequestError(faults)
-    return found
-
-
 def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
     """The frames at the given axis values; an axis that is not named stays whole.
 
@@ -269,7 +254,7 @@ def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
             continue
         values = list(dict.fromkeys(frame.labels[dim] for frame in frames if dim in frame.labels))
         unit = next((str(f.group.data[dim].attrs.get("units", "1")) for f in frames if dim in f.group.data.coords), "1")
-        match = [value for value in values if _is(value, text, unit)]
+        match = [value for value in values if is_value(value, text, unit)]
         if not match:
             shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
             faults.append(Fault(f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}"))
@@ -280,25 +265,6 @@ def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
     if not left:
         raise RequestError(f"--at {' '.join(f'{k}={v}' for k, v in at.items())}: no cell of {frames[0].variable} has these values together")
     return left
-
-
-def _is(value: Any, text: str, unit: str) -> bool:
-    if isinstance(value, str):
-        return value == text
-    if isinstance(value, bool):
-        return str(value).lower() == text.lower()
-    try:
-        number = to_unit(_number(text), unit)
-    except UnitError:
-        return False
-    return math.isclose(number, value, rel_tol=SAME, abs_tol=0.0)
-
-
-def _number(text: str) -> Decimal | str:
-    try:
-        return Decimal(text)
-    except InvalidOperation:
-        return text
 
 
 def described(shelf: Shelf, frame: Frame) -> str:

@@ -16,6 +16,7 @@ from etendue.plan.request import Request
 from etendue.spec.capabilities import Probe, ends_in_sum, is_transfer
 from etendue.spec.pipeline import StageEntry
 from etendue.spec.stage import looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.spec.units import same_unit
 from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
@@ -78,7 +79,7 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
         if node is None:
             continue
         written = node.writes[variable]
-        if declaration.mapped(written.dims) is None or declaration.unit != written.unit or declaration.dtype != written.dtype:
+        if declaration.mapped(written.dims) is None or not same_unit(declaration.unit, written.unit) or declaration.dtype != written.dtype:
             request.fault(
                 entry.place,
                 f"{one.use} reads {variable} as '{declaration}', but {node.name!r} writes '{written}'; "
@@ -89,7 +90,7 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
         writer = _named_writer(request, entry, name, name, earlier) if name in entry.origin else _found_by(name, earlier)
         if writer is None:
             continue
-        if writer.writes[name].unit != parameter.units or writer.writes[name].dtype != "float":
+        if not same_unit(writer.writes[name].unit, parameter.units) or writer.writes[name].dtype != "float":
             text = f"{one.use} takes {name} in {parameter.units}, but {writer.name!r} writes '{writer.writes[name]}'"
             request.fault(entry.place, text)
         bound.append((name, writer.name, name))

@@ -7,9 +7,10 @@ import shutil
 from pathlib import Path
 
 from etendue.errors import MachineError
-from etendue.plan import planner
 from etendue.plan.cost import cell_bytes
 from etendue.plan.model import Plan
+from etendue.plan.strips import peak_memory
+from etendue.telling import human_bytes
 
 
 def check_machine(plan: Plan, archive: Path | None) -> None:
@@ -20,21 +21,21 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
     longest = max(plan.axes, key=lambda a: len(a.values), default=None)
     hint = f"; the axis {longest.key} has {len(longest.values)} values" if longest else ""
     available = _available_memory()
-    peak = planner.peak_memory(plan) + (need if archive is None else 0)
+    peak = peak_memory(plan) + (need if archive is None else 0)
     if available and peak > available:
         where = "held in memory" if archive is None else "held at once"
         raise MachineError(
-            f"about {peak / 1e9:.1f} GB would be {where}, {available / 1e9:.1f} GB are free{hint}; shorten 'keep' or the sweep"
+            f"about {human_bytes(peak)} would be {where}, {human_bytes(available)} are free{hint}; shorten 'keep' or the sweep"
         )
     if archive is not None:
         folder = archive.absolute()
         while not folder.exists():
             folder = folder.parent
-        held = sum(f.stat().st_size for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
+        held = sum(512 * f.stat().st_blocks for f in archive.rglob("*") if f.is_file()) if archive.exists() and need > 1e9 else 0
         free = shutil.disk_usage(folder).free + held
         if need > free:
             raise MachineError(
-                f"about {need / 1e9:.1f} GB would be stored, {free / 1e9:.1f} GB are free on the disk{hint}; shorten 'keep' or the sweep"
+                f"about {human_bytes(need)} would be stored, {human_bytes(free)} are free on the disk{hint}; shorten 'keep' or the sweep"
             )
 
 

@@ -18,6 +18,7 @@ from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
+from etendue.plan.strips import peak_memory
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Stage, parameters_of
@@ -174,10 +175,3 @@ def summary(plan: Plan) -> dict[str, Any]:
         "axes": [{"name": a.key, "values": list(a.values), "units": a.units or None} for a in plan.axes],
         "warnings": list(plan.warnings),
     }
-
-
-def peak_memory(plan: Plan, workers: int = 2) -> int:
-    """Bytes a run is expected to hold above the interpreter: the largest cells in flight on every worker."""
-    every = ((node, cost.alike(plan.of(node.name))) for node in plan.nodes)
-    largest = sorted((max(cost.cell_memory(n, c, plan.precision) for c, _ in cells) for n, cells in every), reverse=True)
-    return workers * sum(largest[:2])

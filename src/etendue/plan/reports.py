@@ -6,6 +6,7 @@ Out: the same by cell, made when they are asked for; sums over the cells of a st
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -98,9 +99,9 @@ class Reports(Mapping[CellRef, CellReport]):
             return []
         return [self._at(number, ref) for number, ref in enumerate(self.plan.cells) if self.status[number] in statuses]
 
-    def seconds_of(self, stage: str) -> float:
-        """Thread time of the cells of a stage that were computed."""
-        return sum(self.seconds[n] for n in self.numbers(stage) if self.status[n] in (DONE, LEFT_OUT))
+    def seconds_of(self, stage: str | None = None) -> float:
+        """Thread time of the cells of a stage, or of all, that were computed."""
+        return math.fsum(self.seconds[n] for n in self.numbers(stage) if self.status[n] in (DONE, LEFT_OUT))
 
     def bytes_of(self, stage: str) -> int:
         """What the cells of a stage have written."""

@@ -103,7 +103,7 @@ def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
     """One row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
     rows = []
     took = {node.name: reports.seconds_of(node.name) for node in plan.nodes}
-    total = sum(took.values()) or 1.0
+    total = reports.seconds_of() or 1.0
     for node in plan.nodes:
         cells, seconds = plan.of(node.name), took[node.name]
         errors = [c.error[0] for c in cells if c.error[0] is not None]

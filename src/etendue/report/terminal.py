@@ -19,10 +19,11 @@ from rich.table import Table
 
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.omissions import told
+from etendue.report.looking import next_commands
 from etendue.report.tables import floored, headlines, stage_rows
 from etendue.spec.ports import CellReport
 from etendue.spec.stage import parameters_of
-from etendue.telling import printable
+from etendue.telling import human_bytes, printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -48,14 +49,6 @@ class _Table(Table):
 
 def _out() -> Console:
     return _Console(highlight=False, soft_wrap=False)
-
-
-def human_bytes(count: float) -> str:
-    for unit in ("B", "kB", "MB", "GB", "TB"):
-        if count < 1000 or unit == "TB":
-            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.1f} {unit}"
-        count /= 1000
-    return ""
 
 
 def human_seconds(seconds: float) -> str:
@@ -316,7 +309,7 @@ def print_outcome(outcome: Any) -> None:
         console.print(escape(f"was missing or damaged, and is written again: {text}"), soft_wrap=True)
     if len(outcome.mended) > 5:
         console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
-    if outcome.moved.get("copied"):
+    if outcome.moved.get("shards"):
         shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
         what = f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} bytes computed"
         console.print(f"rewritten: {what}", soft_wrap=True)
@@ -343,6 +336,9 @@ def print_outcome(outcome: Any) -> None:
         console.print(f"archive        {outcome.archive}", soft_wrap=True)
     for picture in outcome.pictures:
         console.print(f"contact sheet  {picture}", soft_wrap=True)
+    if outcome.archive:
+        for text in next_commands(outcome):
+            console.print(text, soft_wrap=True)
     console.print(f"{human_seconds(outcome.seconds)} in all")
 
 

@@ -22,6 +22,7 @@ from etendue.physics.colour import matrices
 from etendue.physics.scene.resampling import area_weights
 from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.report.details import band_of, lines_of
 from etendue.spec.capabilities import Viewed
 from etendue.spec.variables import Variable
 from etendue.spec.variables import variable as known
@@ -32,10 +33,12 @@ Decode = Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Thumbnail:
-    """(3, y, x) float32, not yet scaled where it is linear; and the true size."""
+    """(3, y, x) float32, not yet scaled where it is linear; the true size; of larger ones some rows as they are, and the first of them."""
 
     picture: Any
     size: tuple[int, int]
+    band: Any = None
+    first: int = 0
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ class _View:
     colours: int = 3  # planes that are red, green and blue; 0: their mean is grey
     tints: Any = None  # (rows, columns, 3): the colour of each pixel of one period of a mosaic
     black: float = 0.0
+    rows: tuple[int, int] = (0, 0)  # that are kept as they are where the picture is larger than a thumbnail
 
     def of(self, array: Any) -> Thumbnail | None:
         if getattr(array, "on_demand", False):  # a large variable that is not stored would be made again
@@ -58,15 +62,44 @@ class _View:
             array = array[len(array) // 2]
         if self.how == "map" and array.ndim != 2:
             return None
-        picture = _MAKERS[self.how](self, array)
-        return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), (array.shape[-2], array.shape[-1]))
+        size = (array.shape[-2], array.shape[-1])
+        if self.how == "light" and max(size) > LARGEST:
+            picture, band = self._large_light(array)
+        else:
+            picture, band = _MAKERS[self.how](self, array), self.band(array) if max(size) > LARGEST else None
+        return Thumbnail(np.ascontiguousarray(picture, dtype=np.float32), size, band, self.rows[0])
+
+    def band(self, array: Any) -> Any:
+        """Some rows of a large picture as they are, in the colours of the whole."""
+        first, last = self.rows
+        if last <= first or self.how == "map":
+            return None
+        return self.banded(np.asarray(array[..., first:last, :]))
+
+    def banded(self, rows: Any) -> Any:
+        """The same of rows that begin where the band begins; what comes row by row has it from here."""
+        if self.how == "mosaic":
+            plane = self.above_black(rows)
+            if self.tints is None:
+                return np.repeat(plane[None], 3, axis=0)
+            height, width = self.tints.shape[:2]
+            at = np.ix_((self.rows[0] + np.arange(plane.shape[0])) % height, np.arange(plane.shape[1]) % width)
+            return np.moveaxis(self.tints[at], -1, 0) * plane
+        return np.array(self._coloured(as_float(rows)) if self.how == "planes" else as_float(rows), dtype=np.float32)
 
     def _light(self, array: Any) -> Any:
-        if isinstance(array, np.ndarray) and max(array.shape[-2:]) <= LARGEST:
-            small = np.asarray(array, dtype=np.float32)
-        else:  # large, and perhaps stored by band, as it is too large to be held
-            small = np.stack([fitted(np.asarray(array[band])) for band in range(array.shape[0])])
-        return matrices.apply_matrix(self.matrix, np.tensordot(self.observer, small, axes=1))
+        whole = array if isinstance(array, np.ndarray) else np.stack([np.asarray(array[band]) for band in range(array.shape[0])])
+        return matrices.apply_matrix(self.matrix, np.tensordot(self.observer, np.asarray(whole, dtype=np.float32), axes=1))
+
+    def _large_light(self, array: Any) -> tuple[Any, Any]:
+        """Made small, and some rows of it: perhaps stored by band, as it is too large to be held."""
+        small, rows = [], []
+        for number in range(array.shape[0]):
+            plane = np.asarray(array[number])
+            small.append(fitted(plane))
+            rows.append(as_float(plane[slice(*self.rows)]))
+        found, band = (matrices.apply_matrix(self.matrix, np.tensordot(self.observer, np.stack(one), axes=1)) for one in (small, rows))
+        return found, band.astype(np.float32) if band.size else None
 
     def gathering(self, shape: tuple[int, ...]) -> Gathering | None:
         if self.middles or self.how in ("light", "map") or (self.how == "mosaic" and len(shape) > 2):
@@ -145,12 +178,18 @@ class Gathering:
 
     def __init__(self, view: _View, shape: tuple[int, ...], rows: _Rows) -> None:
         self.view, self.size, self.rows = view, (shape[-2], shape[-1]), rows
+        self.band: list[Any] = []
 
     def take(self, start: int, rows: Any) -> None:
         self.rows.take(start, rows)
+        first, last = (min(max(0, end - start), rows.shape[-2]) for end in self.view.rows)
+        if last > first:
+            self.band.append(np.array(rows[..., first:last, :]))
 
     def made(self) -> Thumbnail:
-        return Thumbnail(np.ascontiguousarray(self.view.finished(self.rows.made()), dtype=np.float32), self.size)
+        picture = np.ascontiguousarray(self.view.finished(self.rows.made()), dtype=np.float32)
+        band = self.view.banded(np.concatenate(self.band, axis=-2)) if self.band else None
+        return Thumbnail(picture, self.size, band, self.view.rows[0])
 
 
 def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
@@ -160,11 +199,15 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
 
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:
     """How each of some cells is looked at."""
-    found = {}
+    found, shown = {}, list(shown)
+    pictured = [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown in ("linear", "encoded")]
+    window = band_of(pictured)
     for ref in shown:
         cell, node = plan.cells[ref], plan.node(ref[0])
         middles = sum(dim != "channel" for dim in node.mapped)
         views = {v: view for v in node.writes if known(v).shown and (view := _view(plan, cell, v, middles)) is not None}
+        if window is not None:
+            views = {v: replace(view, rows=window.rows(y[0])) if (y := lines_of(cell.grids[v])) else view for v, view in views.items()}
         figures = frozenset(v for v, declared in node.writes.items() if not set(declared.dims) - {"stage"})
         found[ref] = Look(views, figures - views.keys())
     return found

@@ -9,7 +9,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
-from etendue.report.terminal import _out, _table, escape, human_bytes, human_seconds
+from etendue.report.terminal import _out, _table, escape, human_seconds
+from etendue.telling import human_bytes
 
 MOST = 30  # lines of a kind; --json has all
 

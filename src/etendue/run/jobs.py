@@ -15,9 +15,10 @@ from typing import Any
 
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
+from etendue.plan.strips import by_band, is_large, walker
 from etendue.run.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
-from etendue.run.walks import is_large, with_walks
-from etendue.spec.capabilities import Banded, Summed
+from etendue.run.walks import with_walks
+from etendue.spec.capabilities import Summed
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
 from etendue.spec.stage import quantities_of, reads_of
@@ -39,7 +40,9 @@ def make_jobs(
     made strip by strip.
     """
     jobs = Jobs(plan, todo, target, deliver_all, show, looks)
-    return with_walks(dict(jobs), place) if jobs.any_large() else jobs
+    if not jobs.any_large():
+        return jobs
+    return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
 
 
 class Jobs(Mapping[CellRef, Job]):
@@ -140,13 +143,13 @@ class Jobs(Mapping[CellRef, Job]):
         elif node.segment:
             segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, spectrum=spectrum)
         grids, input_grids = self._grids(cell)
-        seconds, by_band = self._cost(node, cell)
+        seconds, bands = self._cost(node, cell)
         return Job(
             ref=cell.ref, task="compute" if computed else "load", stage=cell.stage, writes=node.writes,
             grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
-            seconds=seconds, by_band=by_band, segment=segment,
+            seconds=seconds, by_band=bands, segment=segment,
             looking=_looking(plan, self.nodes, cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None, expected=plan.expected,
@@ -211,15 +214,8 @@ class Jobs(Mapping[CellRef, Job]):
         place = (node.name, type(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None)
         known = self.costs.get(place)
         if known is None:
-            known = self.costs[place] = cell_seconds(node, cell, self.plan.precision), _by_band(node, cell, self.plan.precision)
+            known = self.costs[place] = cell_seconds(node, cell, self.plan.precision), by_band(node, cell, self.plan.precision)
         return known
-
-
-def _by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
-    """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
-    if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
-        return ()
-    return tuple(v for v, d in node.writes.items() if too_large(d, cell.grids[v], precision))
 
 
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:

@@ -18,7 +18,9 @@ import numpy as np
 
 from etendue.errors import ArchiveInUse, MachineError
 from etendue.interrupts import is_ours
+from etendue.plan import strips
 from etendue.plan.model import CellRef
+from etendue.plan.strips import has_rows
 from etendue.run.cell import check, kept, undefined
 from etendue.run.form import Output, form_of
 from etendue.run.found import with_found
@@ -27,7 +29,6 @@ from etendue.run.job import Job, Walk
 from etendue.run.ownership import for_reading, frozen, undisturbed
 from etendue.run.segments import Result
 from etendue.run.tables import LARGEST_PATTERN, SensorRandom
-from etendue.run.walks import TILE, has_rows
 from etendue.spec.capabilities import Haloed, halo_of
 from etendue.spec.grid import Line
 from etendue.spec.ports import CellReport
@@ -86,7 +87,7 @@ def _fronts(member: _Member) -> Iterator[int]:
     """Rows up to which strips go: they end with the tiles of the sensor."""
     walk = member.job.walk
     assert walk is not None
-    front = walk.rows - member.first_row % TILE
+    front = walk.rows - member.first_row % strips.TILE
     while front < member.total:
         yield front
         front += walk.rows

@@ -11,42 +11,28 @@ which grows by one from a walk to whatever reads of it as a whole, and a walk ho
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from etendue.plan.model import CellRef
+from etendue.plan.strips import Walker, has_rows, is_large, rows_of
 from etendue.run.job import Job, Walk
-from etendue.spec.capabilities import Probe, halo_of, is_source, is_transfer, joins_figures
-from etendue.spec.grid import Grid
-from etendue.spec.stage import reads_of
-
-LARGEST_WHOLE = 1 << 21  # pixels of a frame up to which cells are computed whole
-STRIP = 1 << 19  # pixels of a strip, about
-TILE = 64  # rows: strips end with the tiles of patterns that belong to the sensor
-HALOS = 16  # a strip has about so many times the rows of a halo: what is computed twice is an eighth
-
-Frame = tuple[int, int]
+from etendue.spec.capabilities import joins_figures
 
 
-@dataclass
-class _Walker:
-    """A cell that may be computed in strips: the frame it is of, and the rows around a row that it needs."""
-
-    frame: Frame
-    halo: int
-
-
-def with_walks(jobs: dict[CellRef, Job], place: Callable[[CellRef, str], Any] | None = None) -> dict[CellRef, Job]:
-    """Tell the jobs of each walk of it; ``place``: where the caller wants a variable put, which nobody else reads."""
+def with_walks(
+    jobs: dict[CellRef, Job], can: Callable[[CellRef], Walker | None], place: Callable[[CellRef, str], Any] | None = None
+) -> dict[CellRef, Job]:
+    """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where the caller wants
+    a variable put, which nobody else reads."""
     small: set[tuple[str, int, int]] = set()  # stages and grids whose frames are computed whole: most cells of a sweep share them
-    walkers: dict[CellRef, _Walker] = {}
+    walkers: dict[CellRef, Walker] = {}
     for ref, job in jobs.items():
         alike = ref[0], id(job.grids), id(job.input_grids)
         if alike in small:
             continue
         if not is_large(job.grids, job.input_grids):
             small.add(alike)
-        elif (walker := _walker(job)) is not None:
+        elif job.task == "compute" and (walker := can(ref)) is not None:
             walkers[ref] = walker
     if not walkers:
         return jobs
@@ -67,7 +53,7 @@ def with_walks(jobs: dict[CellRef, Job], place: Callable[[CellRef, str], Any] | 
         walks.setdefault(_root(home, ref), []).append(ref)
     for number, members in enumerate(walks.values()):
         frame = walkers[members[0]].frame
-        rows = max(STRIP // frame[1], *(HALOS * walkers[ref].halo for ref in members), TILE)
+        rows = rows_of(frame[1], [walkers[ref].halo for ref in members])
         inside = set(members)
         for ref in members:
             job = jobs[ref]
@@ -76,49 +62,8 @@ def with_walks(jobs: dict[CellRef, Job], place: Callable[[CellRef, str], Any] | 
             places = {v: found for v in whole - others if place and (found := place(ref, v)) is not None}
             seen = whole - others - set(job.store) if job.look else set()
             names, only = (tuple(v for v in job.writes if v in chosen) for chosen in ((whole | others) - seen, seen))
-            job.walk = Walk(number, len(members), rows // TILE * TILE, names, only, places)
+            job.walk = Walk(number, len(members), rows, names, only, places)
     return jobs
-
-
-def has_rows(dims: tuple[str, ...]) -> bool:
-    """Whether an array stands over the pixels of a frame."""
-    return dims[-2:] == ("y", "x")
-
-
-def is_large(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> bool:
-    """Whether a cell reads or writes a frame that is not to be whole."""
-    every = (*grids.values(), *input_grids.values())
-    return any("y" in grid and "x" in grid and grid["y"].size * grid["x"].size > LARGEST_WHOLE for grid in every)
-
-
-def _walker(job: Job) -> _Walker | None:
-    """What a job needs of its frame, where it is large and a few rows do."""
-    kind = type(job.stage)
-    if job.task != "compute" or job.expected or job.mapped or job.by_band or job.segment is not None or not job.inputs:
-        return None
-    if is_transfer(kind) or is_source(kind) or issubclass(kind, Probe):
-        return None
-    if job.looking and any(what != "transfer" for _, what, _ in job.looking.ports):
-        return None
-    ports = reads_of(kind)
-    frames = {_frame(job.input_grids[port], ports[port].dims) for port, _, _ in job.inputs if port in ports and "y" in ports[port].dims}
-    frames |= {_frame(job.grids[v], d.dims) for v, d in job.writes.items() if "y" in d.dims}
-    if len(frames) != 1 or None in frames or not any(has_rows(d.dims) for d in job.writes.values()):
-        return None
-    (frame,) = frames
-    if frame is None or frame[0] * frame[1] <= LARGEST_WHOLE:
-        return None
-    if job.left_out:
-        read = {variable for _, _, variable in job.inputs}
-        return _Walker(frame, 0) if read >= set(job.writes) else None
-    halo = halo_of(job.stage)
-    if halo is None or frame[0] < 2 * max(TILE, HALOS * halo):
-        return None
-    return _Walker(frame, halo)
-
-
-def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:
-    return (grid["y"].size, grid["x"].size) if has_rows(dims) else None
 
 
 def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellRef]]:
@@ -138,7 +83,7 @@ def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellR
 
 
 def _walks_on(
-    jobs: Mapping[CellRef, Job], walkers: Mapping[CellRef, _Walker], readers: Mapping[tuple[CellRef, str], set[CellRef]],
+    jobs: Mapping[CellRef, Job], walkers: Mapping[CellRef, Walker], readers: Mapping[tuple[CellRef, str], set[CellRef]],
     need: CellRef, job: Job,
 ) -> bool:  # fmt: skip
     """Whether a job can go on from the strips of a cell that it reads: of the same frame, alone of its stage, and of rows only."""

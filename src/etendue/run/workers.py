@@ -70,6 +70,13 @@ def _end_with(owner: Any) -> None:
 def serve(pipe: Any) -> None:
     """Compute batches as they come, say at which cell, until the owner hangs up."""
     begin_worker()
+
+    def tell(data: bytes) -> None:
+        try:
+            pipe.send_bytes(data)
+        except OSError:  # the owner was killed
+            os._exit(1)
+
     while True:
         try:
             data = pipe.recv_bytes()
@@ -78,16 +85,14 @@ def serve(pipe: Any) -> None:
             os._exit(0)  # a thread that a plugin has left behind holds nobody up
         try:
             jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
-            result = run_batch(
-                jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: pipe.send_bytes(f"@{number}".encode())
-            )
+            result = run_batch(jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: tell(f"@{number}".encode()))
             answer = b"=" + cloudpickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
             del result, before
         except EtendueError as error:  # the machine's, or the archive is somebody else's: for the owner
             answer = b"!" + pickle.dumps((type(error), str(error)))
         except BaseException as error:
             answer = b"!" + pickle.dumps((MachineError, f"a worker broke off: {said(error)}"))
-        pipe.send_bytes(answer)
+        tell(answer)
 
 
 # -- in the owner -------------------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Sheet:
-    """Pictures of the shown cells: as a table of the archive, and drawn into one PNG."""
+    """Pictures of the shown cells: as a table of the archive, empty where that of an earlier run stays, and drawn into one PNG."""
 
     table: dict[str, Any]
     draw: Callable[[Path], None]
@@ -114,7 +114,9 @@ class Keeper(Protocol):
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...
 
-    def stored(self, refs: Iterable[CellRef], figures_only: bool = False) -> dict[CellRef, dict[str, Any]]: ...
+    def stored(
+        self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
+    ) -> dict[CellRef, dict[str, Any]]: ...
 
     def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not keep."""

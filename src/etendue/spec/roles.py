@@ -7,6 +7,7 @@ Out: bases to derive a stage from; names of roles. Whether a stage is one of the
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from etendue.spec.stage import Stage
@@ -40,6 +41,16 @@ class Scaled(Stage):
     @abstractmethod
     def electrons(self) -> float:
         """Charge of a pixel that reads 1."""
+
+
+class Datasheet(Stage):
+    """A stage that knows figures of its sensor which a measurement finds again."""
+
+    @abstractmethod
+    def datasheet(self) -> Mapping[str, float]:
+        """Some of ``gain`` (DN/electron), ``read_noise``, ``dsnu``, ``full_well`` (electron), ``prnu`` (1), ``dark_current`` and
+        ``dark_spread`` (mean over pixels and rms between them, electron/s). Noises and patterns of several stages add in squares, of
+        wells the smallest counts."""
 
 
 class InSilicon(Stage):

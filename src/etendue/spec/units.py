@@ -19,6 +19,8 @@ _PLAIN = {
     "DN": (Decimal(1), {"DN": 1}),
     "pixel": (Decimal(1), {"pixel": 1}),
     "cycle": (Decimal(1), {}),
+    "cycles": (Decimal(1), {}),
+    "lp": (Decimal(1), {}),  # a line pair is a cycle
     "deg": (Decimal(1), {"deg": 1}),
     "arcmin": (Decimal(1) / 60, {"deg": 1}),
     "stop": (Decimal(1), {"stop": 1}),
@@ -80,6 +82,16 @@ def parse_unit(text: str) -> tuple[Decimal, dict[str, int]]:
         for name, exponent in dims.items():
             dimensions[name] = dimensions.get(name, 0) + exponent * power
     return factor, {name: exponent for name, exponent in dimensions.items() if exponent}
+
+
+def same_unit(one: str, other: str) -> bool:
+    """Whether two units are the same number for number, as ``um-1`` and ``cycles/um`` are; of units that are not in the table, as text."""
+    if one == other:
+        return True
+    try:
+        return parse_unit(one) == parse_unit(other)
+    except UnitError:
+        return False
 
 
 def to_unit(value: Decimal | int | str, unit: str) -> float:

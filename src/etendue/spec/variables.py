@@ -7,7 +7,8 @@ Out: name, dims, unit, dtype and whether undefined values are allowed; meaning a
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 from etendue import discovery
@@ -17,6 +18,7 @@ DTYPES = ("float", "uint8", "uint16", "uint32")
 
 SHOWN = ("", "linear", "encoded", "map")
 COUNTED = ("", "floored", "overexposed")
+BETTER = ("", "higher", "lower")
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,10 @@ class Variable:
     white, None: what is bright in the first picture; variables with one ``scale`` share what is bright in the last of them. ``black``
     is a camera quantity that stands for nothing. ``range`` has both ends of a map, None: its own; ``log``: in equal ratios.
     ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``: it is a place
-    in a list, right or wrong. ``counted``: where it is above 0, the end of a run says that something was lifted to a floor, or lies above
-    saturation.
+    in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added up. ``beside``: it
+    is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0, the end of a run says that
+    something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is always so; ''
+    where it depends.
     """
 
     long_name: str = ""
@@ -43,14 +47,24 @@ class Variable:
     counted: str = ""
     full: float | None = None
     index: bool = False
+    names: str = ""
+    flags: Mapping[str, int] = field(default_factory=dict)
+    masks: Mapping[str, int] = field(default_factory=dict)
+    beside: str = ""
+    better: str = ""
 
     def __post_init__(self) -> None:
         if self.counted not in COUNTED:
             raise ValueError(f"counted is {self.counted!r}; allowed are {', '.join(map(repr, COUNTED))}")
         if self.shown not in SHOWN:
             raise ValueError(f"shown is {self.shown!r}; allowed are {', '.join(map(repr, SHOWN))}")
+        if self.better not in BETTER:
+            raise ValueError(f"better is {self.better!r}; allowed are {', '.join(map(repr, BETTER))}")
         if self.full is not None and not self.full > 0:
             raise ValueError(f"full is {self.full!r}; allowed are numbers above 0")
+        for word, named in (("flags", self.flags), ("masks", self.masks)):
+            if not (isinstance(named, Mapping) and all(isinstance(n, str) and n.split() == [n] for n in named)):
+                raise ValueError(f"{word} is {named!r}; expected names without blanks and their codes")
         if self.range is not None and not (len(self.range) == 2 and self.range[0] < self.range[1]):
             raise ValueError(f"range is {self.range!r}; expected two ends in order")
 

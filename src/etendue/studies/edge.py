@@ -17,7 +17,7 @@ import numpy as np
 
 from etendue.errors import EtendueError, RequestError
 from etendue.physics.resolution.slanted_edge import slanted_edge
-from etendue.plan.model import Plan
+from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import Registry
 from etendue.session import Options, execute
@@ -62,7 +62,7 @@ def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: 
         raise ValueError("the stage writes encoded values, on which no transfer function is defined")
     if any(n.name == asked.stage and n.is_source for n in branched.nodes):
         raise ValueError("the scene is the axis, and an edge would have to take its place")
-    pipeline, scene, sigma = _edge_pipeline(branched, plan, white, registry)
+    pipeline, scene, sigma = edge_and_field(branched.pipeline, branched.nodes, plan, white, registry)
     pipeline = replace(pipeline, sweep={**pipeline.sweep, **branched.axes(asked.key, values)})
     wanted = tuple(f"{s}.{v}" for s, v in (place, reference))
     matrix = writer(branched.nodes, "colour_matrix"), writer(branched.nodes, "white")
@@ -131,10 +131,12 @@ def crossing(picture: Any, sigma: float) -> float:
     return float(response.frequency[high - 1] + share * (response.frequency[high] - response.frequency[high - 1]))
 
 
-def _edge_pipeline(branched: Branched, plan: Plan, white: float, registry: Registry) -> tuple[Pipeline, str, float]:
+def edge_and_field(
+    base: Pipeline, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
+) -> tuple[Pipeline, str, float]:  # fmt: skip
     """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the edge, um."""
-    sources = [n for n in branched.nodes if n.is_source and "radiance" in n.writes]
-    pixel = next((n for n in branched.nodes if n.ends_in_sum), None)
+    sources = [n for n in nodes if n.is_source and "radiance" in n.writes]
+    pixel = next((n for n in nodes if n.ends_in_sum), None)
     if len(sources) != 1 or pixel is None:
         raise ValueError("there is no single scene to be replaced by an edge")
     source = sources[0]
@@ -174,7 +176,7 @@ def _edge_pipeline(branched: Branched, plan: Plan, white: float, registry: Regis
     if paper or not set(window) <= set(parameters_of(pixel.kind)):
         window = {}
     dropped = ("sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns")
-    pipeline = noise_free(branched.pipeline, branched.nodes, registry)
+    pipeline = noise_free(base, nodes, registry)
     stages = tuple(
         replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window}) if e.name == pixel.name and window else e
         for e in pipeline.stages

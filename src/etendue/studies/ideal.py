@@ -83,7 +83,7 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
             continue
         kind = kinds[entry.name]
         bound = {port: own[d.variable] for port, d in reads_of(kind).items() if d.variable in own} if kind else {}
-        entries.append(replace(entry, origin=bound | _origin(pipeline, entry, {*out, *made.stands})))
+        entries.append(replace(entry, origin=bound | origin_without(pipeline, entry, {*out, *made.stands})))
         own |= dict.fromkeys(_writes(kinds, entry) & PLANES, entry.name)
     ideal = replace(
         pipeline,
@@ -130,7 +130,7 @@ def _ends_a_dim(kind: type[Stage]) -> bool:
 
 def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry) -> Reference:
     """The stages of every channel at every pixel, for the camera without what is left out, at the first values of its sweep."""
-    there = tuple(replace(e, origin=_origin(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
+    there = tuple(replace(e, origin=origin_without(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
     alone, _ = without_sweep(replace(pipeline, stages=there, sweep=_still_there(pipeline.sweep, out, {})))
     nodes = nodes_of(replace(alone, lines={}), registry)
     swept = {key.rpartition(".")[0] for key in pipeline.sweep}
@@ -168,7 +168,7 @@ def _shading_corrected(pipeline: Pipeline, kinds: Kinds) -> bool:
 # -- what stays as it was written ---------------------------------------------------------------------------------
 
 
-def _origin(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) -> dict[str, str]:
+def origin_without(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) -> dict[str, str]:
     """``from`` without the stages that are gone: what those read, or the nearest writer."""
     by_name = {e.name: e for e in pipeline.stages}
     found = {}

@@ -16,10 +16,10 @@ from typing import Any
 
 from etendue.archive.again import Recorded, every_record, recorded
 from etendue.archive.comparing import Compared, Comparing, ComparingKeeper
-from etendue.archive.describe import is_running
 from etendue.archive.inputs import sweep_of
 from etendue.archive.keeping import staying
 from etendue.archive.naming import cell_name
+from etendue.archive.owner import is_running
 from etendue.archive.provenance import node_records, platform_record
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError

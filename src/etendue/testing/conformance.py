@@ -22,6 +22,7 @@ from etendue.spec import variables
 from etendue.spec.capabilities import Banded, Bounded, Probe, is_source, is_transfer
 from etendue.spec.grid import Grid
 from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, reads_of, writes_of
+from etendue.spec.units import same_unit
 from etendue.testing.bench import (
     EXTREMES,
     FRAME,
@@ -88,7 +89,7 @@ class StageConformance(ExtremeLaws, KnobLaws, RowLaws):
         hold(bool(writes), f"{name} writes nothing")
         for d in writes.values():
             usual = variables.variable(d.variable).units if discovery.installed().first("variables", d.variable) else d.unit
-            hold(usual == d.unit, f"{name} writes {d.variable} in {d.unit}, which is in {usual} wherever else it is written")
+            hold(same_unit(usual, d.unit), f"{name} writes {d.variable} in {d.unit}, which is in {usual} wherever else it is written")
         hold((kind.run is not None) != is_transfer(kind), f"{name} needs either run or transfer")
         hold(kind.nan in ("error", "keep"), f"{name}.nan is {kind.nan!r}; allowed are 'error' and 'keep'")
         hold(kind.negative in ("error", "clip", "keep"), f"{name}.negative is {kind.negative!r}; allowed are 'error', 'clip' and 'keep'")

@@ -131,11 +131,12 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
 def matrix_told(bench: Bench) -> None:
     """The condition number of what a stage solves: of a matrix that it writes, or of the colours that it makes of colours.
 
-    A linear stage on channels is solved back: what its matrix has done to three colours can be undone as well as its condition says.
+    A table that may hold undefined values is no matrix. A linear stage on channels is solved back: what its matrix has done to three
+    colours can be undone as well as its condition says.
     """
     trial = bench.run(bench.arrays("ordinary"))
     for variable, declaration in bench.writes.items() if trial.done else ():
-        if len(declaration.dims) == 2 and not {"y", "x", "frame", "stage"} & set(declaration.dims):
+        if len(declaration.dims) == 2 and not declaration.nan and not {"y", "x", "frame", "stage"} & set(declaration.dims):
             magnified(float(np.linalg.cond(np.asarray(trial.arrays[variable], dtype=float))))
     port = next((p for p, d in bench.reads.items() if d.dims == ("channel", "y", "x")), None)
     main = next((v for v, d in bench.writes.items() if d.dims == ("channel", "y", "x")), None)

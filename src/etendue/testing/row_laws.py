@@ -6,7 +6,7 @@ Out: nothing, or a broken law.
 
 from __future__ import annotations
 
-from etendue.run.walks import has_rows
+from etendue.plan.strips import has_rows
 from etendue.spec.capabilities import halo_of
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
 from etendue.testing.measured import hold

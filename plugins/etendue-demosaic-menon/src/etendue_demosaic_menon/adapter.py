@@ -20,6 +20,7 @@ from etendue.physics.mosaic.bilinear import bilinear
 
 SMALLEST = 6  # a side that holds the filters of the package; smaller ones are mirrored
 MARGIN = 6  # even, so that the pattern stays
+REACH = 12  # rows: the direction is chosen over 6, red and blue reach 2 further, their refinement 3; made even
 
 _importing = threading.Lock()
 _loaded: list[Callable[..., Any]] = []

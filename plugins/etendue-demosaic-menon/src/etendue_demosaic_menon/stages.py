@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from etendue.api import RGB, Stage, param, quantity
+from etendue.api import RGB, Haloed, param, quantity
 from etendue.physics.sensor import cfa
-from etendue_demosaic_menon.adapter import implementation, menon
+from etendue_demosaic_menon.adapter import REACH, implementation, menon
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemosaicMenon(Stage):
+class DemosaicMenon(Haloed):
     """Directional filtering with a posteriori decision (Menon, Andriani and Calvagno 2007), computed by colour-demosaicing."""
 
     role: ClassVar = "demosaicing"
@@ -46,6 +46,9 @@ class DemosaicMenon(Stage):
 
     def run(self, mosaic_linear: Any, y: Any, x: Any, prepared: Any) -> dict[str, Any]:
         return {"rgb_camera": menon(mosaic_linear, self.order(round(float(y[0])), round(float(x[0]))), self.refine)}
+
+    def halo(self) -> int:
+        return REACH
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic, which is double, and of handing on its result; what it invents between samples is none of it."""

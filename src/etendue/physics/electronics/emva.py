@@ -186,6 +186,47 @@ def measure(
     )
 
 
+def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
+    """Mean charge at which the temporal variance of a pixel is largest: EMVA's saturation capacity, below the full well.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+        Where charge is clipped, above 0.
+    prnu : float
+        Relative rms of the response between pixels, over which the variance is averaged, 0 to 0.5.
+
+    Returns
+    -------
+    float, electrons
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range.
+
+    Notes
+    -----
+    Shot noise as a normal z of variance x, clipped at the well: moments of min(z, a), a = (w - x)/sqrt(x), averaged over responses by
+    41 nodes of Gauss-Hermite, the largest of 4001 charges from 0.5 to 1.2 w. Read noise behind the well changes nothing.
+    Error: 5e-4 relative where w is above 500 electrons (a normal for Poisson counts).
+    """
+    if not (full_well > 0 and 0 <= prnu <= 0.5):
+        raise ValueError(f"full_well is {full_well!r} and prnu {prnu!r}; allowed are a charge above 0 and 0 to 0.5")
+    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
+    factor = np.maximum(1 + prnu * nodes, 1e-6)[:, None]
+    mean = np.linspace(0.5, 1.2, 4001) * full_well * factor
+    sigma = np.sqrt(mean)
+    a = (full_well - mean) / sigma
+    density, below = np.exp(-0.5 * a**2) / np.sqrt(2 * np.pi), scipy.special.ndtr(a)
+    first = -density + a * (1 - below)  # of min(z, a), z standard normal
+    second = below - a * density + a**2 * (1 - below)
+    share = (weights / weights.sum())[:, None]
+    variance = (share * sigma**2 * (second - first**2)).sum(axis=0)
+    charge = (share * (mean + sigma * first)).sum(axis=0)
+    return float(charge[np.argmax(variance)])
+
+
 class _Jackknife:
     """Intervals from the estimate of all pixels (first) and those with each group left out."""
 

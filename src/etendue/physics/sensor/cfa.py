@@ -198,6 +198,31 @@ def channel_index(mask: Mask | str, rows: int, columns: int, first_row: int = 0,
     return table[(np.arange(rows) + first_row)[:, None] % height, (np.arange(columns) + first_column)[None, :] % width]
 
 
+def frames_of_channel(frames: NDArray, mask: Mask | str, channel: str, first_row: int = 0, first_column: int = 0) -> NDArray:
+    """The pixels of one channel as frames of their own: those of each place in the period one below the other.
+
+    Parameters
+    ----------
+    frames : (..., y, x) array
+    mask : Mask or str
+    channel : str
+        A letter of the mask.
+    first_row, first_column : int
+        Of the frames' first pixel on the sensor, of any sign.
+
+    Returns
+    -------
+    (..., n, m) array
+        Of whole periods alone. Pixels of one place stay in their order; neighbours are those of the same place.
+    """
+    mask = parse(mask) if isinstance(mask, str) else mask
+    height, width = mask.period
+    rows, columns = frames.shape[-2] // height, frames.shape[-1] // width
+    whole = frames[..., : rows * height, : columns * width]
+    places = [((y - first_row) % height, (x - first_column) % width) for y, x in mask.sites(channel)]
+    return np.concatenate([whole[..., y::height, x::width] for y, x in places], axis=-2)
+
+
 def pick(planes: NDArray, mask: Mask | str, first_row: int = 0, first_column: int = 0) -> NDArray:
     """What the sensor keeps of full planes: one channel per pixel.
 

@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
+from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
 from etendue.physics.electronics import amplifier, distributions, dynamic_range, noise
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exposure(Sampled, Noisy, Haloed):
+class Exposure(Sampled, Noisy, Datasheet, Haloed):
     """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
 
     role: ClassVar = "exposure"
@@ -55,6 +55,16 @@ class Exposure(Sampled, Noisy, Haloed):
         dark_variance *= self.dark_pattern
         signal = (charge - dark_mean * dark) / light_mean
         return float(light_variance * signal**2 + dark_variance * dark**2)
+
+    def datasheet(self) -> dict[str, float]:
+        dark = float(self.dark_charge(1.0))
+        light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
+        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        return {
+            "prnu": math.sqrt(light_variance) / light_mean,
+            "dark_current": dark_mean * dark,
+            "dark_spread": math.sqrt(dark_variance * self.dark_pattern) * dark,
+        }
 
     def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
         kind = photocurrent.dtype.type
@@ -152,7 +162,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FullWell(Bounded):
+class FullWell(Bounded, Datasheet):
     """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
 
     role: ClassVar = "full well"
@@ -171,6 +181,9 @@ class FullWell(Bounded):
 
     def capacity(self) -> float:
         return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+
+    def datasheet(self) -> dict[str, float]:
+        return {"full_well": self.capacity()}
 
     def run(self, charge: Any) -> dict[str, Any]:
         return {"charge": np.minimum(charge, charge.dtype.type(self.capacity()))}

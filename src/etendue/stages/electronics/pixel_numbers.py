@@ -21,7 +21,7 @@ class PixelNumbers(Stage):
     """Nyquist frequency, plate scale (eq. 10), full well."""
 
     role: ClassVar = "figures"
-    writes: ClassVar = {"nyquist_frequency": "[um-1]", "plate_scale": "[arcsec/pixel]", "full_well": "[electron]"}
+    writes: ClassVar = {"nyquist_frequency": "[cycles/um]", "plate_scale": "[arcsec/pixel]", "full_well": "[electron]"}
     error: ClassVar = proved(1e-7, 1e-15)
 
     pixel_pitch: float = quantity("pixel_pitch")

@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, Haloed, Noisy, Sampled, Scaled, param, proved, quantity
+from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, Scaled, param, proved, quantity
 from etendue.physics.electronics import amplifier, converter
 from etendue.stages.electronics.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue.stages.electronics.known_noise import KnownNoise
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Haloed):
+class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Datasheet, Haloed):
     """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
 
     What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
@@ -50,6 +50,9 @@ class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Haloed):
     def variance(self, charge: float) -> float:
         return self.sigma() ** 2 + self.dsnu**2
 
+    def datasheet(self) -> dict[str, float]:
+        return {"read_noise": self.sigma(), "dsnu": self.dsnu}
+
     def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
         kind, sigma = charge.dtype.type, self.sigma()
         if sigma > 0:
@@ -74,7 +77,7 @@ class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Haloed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinePattern(Bounded, Sampled, Noisy, Haloed):
+class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
     """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
 
     role: ClassVar = "line pattern"
@@ -100,6 +103,11 @@ class LinePattern(Bounded, Sampled, Noisy, Haloed):
 
     def variance(self, charge: float) -> float:
         return self.row_pattern**2 + self.column_pattern**2 + self.row_noise**2 + self.column_noise**2
+
+    def datasheet(self) -> dict[str, float]:
+        return {
+            "read_noise": math.hypot(self.row_noise, self.column_noise), "dsnu": math.hypot(self.row_pattern, self.column_pattern),
+        }  # fmt: skip
 
     def halo(self) -> int | None:
         """New offsets of columns are drawn once for all rows."""
@@ -132,7 +140,7 @@ class LinePattern(Bounded, Sampled, Noisy, Haloed):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Adc(GainChain, Sampled, Noisy):
+class Adc(GainChain, Sampled, Noisy, Datasheet):
     """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well is full."""
 
     role: ClassVar = "converter"
@@ -153,6 +161,10 @@ class Adc(GainChain, Sampled, Noisy):
 
     def variance(self, charge: float) -> float:
         return 1 / (12 * self.dn_per_electron() ** 2)
+
+    def datasheet(self) -> dict[str, float]:
+        gain = self.dn_per_electron()
+        return {"gain": gain, "full_well": (2**self.bits - 1 - self.black_level) / gain}
 
     def run(self, charge: Any) -> dict[str, Any]:
         return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}

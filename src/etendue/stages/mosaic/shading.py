@@ -7,13 +7,14 @@ Out: ``mosaic_linear``, as a lens without fall-off would give it, noisier away f
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, param, quantity
+from etendue.api import Bounded, Facts, Grid, Haloed, param, quantity
 from etendue.physics.field import illumination
 from etendue.physics.mosaic import shading
 from etendue.physics.sensor import cfa
@@ -35,7 +36,7 @@ def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LensShading(Conjugates, Bounded):
+class LensShading(Conjugates, Bounded, Haloed):
     """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a calibrated table.
 
     ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of ``vignetting``
@@ -128,6 +129,13 @@ class LensShading(Conjugates, Bounded):
         own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
         own = own.astype(mosaic_linear.dtype, copy=False)
         return {"mosaic_linear": mosaic_linear * own, "clipping_level": clipping_level * own.min(initial=self.largest_gain)}
+
+    def halo(self) -> int | None:
+        """Gains are those of an image height; the paper's fall-off is told by the frame's corner."""
+        return None if self.map == "model" and self.geometry == "paper" else 0
+
+    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+        return {"clipping_level": np.min(parts["clipping_level"], axis=0)}
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.strength == 0:

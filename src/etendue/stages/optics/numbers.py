@@ -32,7 +32,7 @@ class LensNumbers(Cone):
     error: ClassVar = proved(1e-7, 1e-15)
 
     writes: ClassVar = {
-        "airy_diameter": "[um]", "rayleigh_separation": "[um]", "sparrow_separation": "[um]", "cutoff_frequency": "[um-1]",
+        "airy_diameter": "[um]", "rayleigh_separation": "[um]", "sparrow_separation": "[um]", "cutoff_frequency": "[cycles/um]",
         "focal_length_from_field": "[mm]", "field_of_view": "[deg]", "working_f_number": "[1]", "equivalent_t_number": "[1]",
         "exit_pupil_distance": "[mm]", "near_limit": "[mm]", "far_limit": "[mm] nan", "hyperfocal_distance": "[mm]",
     }  # fmt: skip

@@ -1,7 +1,7 @@
 """What a camera resolves up to each stage, from its transfer functions alone, and which part of it limits that.
 
 In:  the transfer functions of all stages, the pixel's weights.
-Out: MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point separations, by ``stage``; gains by ``factor``.
+Out: MTF, MTF50, MTF10, cut-off, what lies beyond the Nyquist frequency, two-point separations, by ``stage``; MTF, gains by ``factor``.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from etendue.api import InSilicon, Labels, Probe, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
 from etendue.spec.capabilities import ends_in_sum
+from etendue.stages.resolution import curves
 
 NEARLY = 1e-6  # of a separation, by which its root may err where it is not solved for
 FACTORS = ("lens", "diffusion", "geometry", "sampling")
@@ -76,6 +77,14 @@ def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: floa
     return np.array([*found, max(1.0, whole / nyquist)])
 
 
+def factor_curves(otf: Any, weights: Any, towards: tuple[float, float], pitch: float) -> Any:
+    """(factor, frequency): contrast of the stages of each factor alone; 1 where there is none, NaN of sampling."""
+    names = {name: factor_of(stage) for name, stage in otf.parts}
+    alone = [otf.without([name for name, own in names.items() if own != factor]) for factor in FACTORS[:-1]]
+    found = [response(one, weights, towards, rendering=False)(curves.PER_PIXEL / pitch) for one in alone]
+    return np.array([*found, curves.undefined()])
+
+
 def first_largest(values: Any) -> float:
     """Index of the largest; NaN where nothing is known, or nothing limits."""
     return float(np.argmax(values)) if np.isfinite(values).any() and not np.isnan(values).any() and values.max() > 1 else math.nan
@@ -96,26 +105,29 @@ class Resolution(Probe):
     between which there is no dip, and the dip of two Airy discs at Rayleigh's; the curve along the direction stands for all
     directions. ``effective_*``: MTF50, but at most the Nyquist frequency. ``limiting_factor`` is the index into ``factor`` with the
     largest ``resolution_gain``, which is how many times MTF50 would be without that factor; sampling's is MTF50 over the
-    Nyquist frequency.
+    Nyquist frequency. ``mtf`` is the whole curve up to each stage and ``factor_mtf`` that of each factor alone, at 65 frequencies to 1
+    cycle/pixel (``frequency``; ``frequency_lp_mm`` has them in cycles/mm); sampling has no transfer function and no curve.
     """
 
     role: ClassVar = "resolution"
     reads: ClassVar = {"transfers": "*.transfer [1]"}
     writes: ClassVar = {
-        "mtf50": "stage [um-1] nan", "mtf50_lp_mm": "stage [mm-1] nan", "mtf10": "stage [um-1] nan", "cut_off": "stage [um-1] nan",
-        "nyquist": "[um-1]", "mtf_nyquist": "stage [1] nan", "aliasing": "stage [1] nan",
+        "mtf50": "stage [cycles/um] nan", "mtf50_lp_mm": "stage [cycles/mm] nan", "mtf10": "stage [cycles/um] nan",
+        "cut_off": "stage [cycles/um] nan", "nyquist": "[cycles/um]", "mtf_nyquist": "stage [1] nan", "aliasing": "stage [1] nan",
         "rayleigh": "stage [um] nan", "sparrow": "stage [um] nan",
-        "effective_lp_mm": "stage [mm-1] nan", "effective_cycles": "stage [pixel-1] nan", "effective_line_widths": "stage [1] nan",
-        "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
+        "effective_lp_mm": "stage [cycles/mm] nan", "effective_cycles": "stage [cycles/pixel] nan",
+        "effective_line_widths": "stage [1] nan", "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
+        "mtf": "stage frequency [1] nan", "factor_mtf": "factor frequency [1] nan",
+        "frequency_lp_mm": "frequency [cycles/mm]", "nyquist_lp_mm": "[cycles/mm]",
     }  # fmt: skip
-    creates: ClassVar = {"factor": Labels(FACTORS)}
-    nanoseconds: ClassVar = 1.5e7
+    creates: ClassVar = {"factor": Labels(FACTORS), "frequency": curves.FREQUENCY}
+    nanoseconds: ClassVar = 2.3e5
 
     pixel_pitch: float = quantity("pixel_pitch")
     angle: float = param(0.0, units="deg", at_least=-180, at_most=180, doc="direction along which detail changes, from x towards y")
     rendering: bool = param(False, doc="whether the softness or the cells of the scene's chart belong to the curve")
     cut_off_contrast: float = param(1e-3, above=0, below=0.5, doc="contrast that is as good as none")
-    highest: float = param(4.0, units="um-1", above=0, doc="where the search ends")
+    highest: float = param(4.0, units="cycles/um", above=0, doc="where the search ends")
     solved: bool = param(
         True, fidelity=True, exact=True, reference="true: on the curve itself", settings=(False, True), costs=(0.55, 1.0),
         doc="whether crossings and contrast at the Nyquist frequency are asked of the curve itself; else splines on twice the nodes say",
@@ -142,7 +154,9 @@ class Resolution(Probe):
         height = picture_height(transfers)
         last = [otf for _, otf in transfers if otf.weights is not None][:1] or [otf for _, otf in transfers][-1:]
         gain = np.full(len(FACTORS), np.nan)
+        factors = np.full((len(FACTORS), curves.SAMPLES), np.nan)
         if last and last[0].whole:
+            factors = factor_curves(last[0], weights, towards, self.pixel_pitch)
             known = {} if self.rendering else {otf.parts: found.mtf50 for otf, found in seen if found is not None}
             gain = gains(last[0], lambda otf: self.half(otf, weights, towards, known), nyquist, self.highest)
         return {
@@ -150,7 +164,15 @@ class Resolution(Probe):
             "effective_lp_mm": effective * 1e3, "effective_cycles": effective * self.pixel_pitch,
             "effective_line_widths": 2 * effective * height,
             "resolution_gain": gain, "limiting_factor": np.array(first_largest(gain)),
+            "mtf": self.curves([otf for otf, _ in seen], weights, towards), "factor_mtf": factors, **curves.beside(self.pixel_pitch),
         }  # fmt: skip
+
+    def curves(self, otfs: Any, weights: Any, towards: tuple[float, float]) -> Any:
+        """(stage, frequency): contrast up to each stage, on the curve itself whatever the settings; NaN where no product is all of the
+        camera."""
+        at = curves.PER_PIXEL / self.pixel_pitch
+        found = [response(otf, weights, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs]
+        return np.array(found).reshape(-1, curves.SAMPLES)
 
     def seen(self, otf: Any, weights: Any, towards: tuple[float, float]) -> Seen | None:
         """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all of the camera."""

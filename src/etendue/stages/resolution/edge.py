@@ -17,6 +17,7 @@ from etendue.api import Labels, Probe, param, quantity
 from etendue.physics.colour import encoding as transfer
 from etendue.physics.resolution import contrast, slanted_edge
 from etendue.physics.sensor import cfa
+from etendue.stages.resolution import curves
 from etendue.stages.resolution.analytic import FACTORS, first_largest, gains, half_contrast, picture_height, response
 from etendue.stages.resolution.edge_pictures import Edge, Picture, Window, known_edge, once_for
 from etendue.stages.sensor.masks import mask_of
@@ -46,7 +47,9 @@ class EdgeProbe(Probe):
     own white, the rendering of its chart included: NaN from the first stage on that is not linear and shift-invariant, the
     mosaic at the latest. ``edge_difference`` is measured minus analytic. ``edge_flags`` adds 1 (half contrast above Nyquist),
     2 (not reached), 4 (clipped: in this picture, or in the mosaic in front of it), 8 (interval wider than a tenth),
-    16 (no edge to be measured).
+    16 (no edge to be measured). ``esfr`` is the whole measured response at 65 frequencies to 1 cycle/pixel (``frequency``;
+    ``frequency_lp_mm`` has them in cycles/mm), NaN beyond 1 cycle/sample of light on a grid coarser than the pixels, and
+    ``esfr_analytic`` that of the transfer functions.
 
     ``limiting_factor`` is an index into ``factor``: noise where the interval of the mosaic and that of the first picture in
     camera channels, both ended at Nyquist, are wider than a tenth, or hide an edge that the pixels do show; else the largest
@@ -73,15 +76,17 @@ class EdgeProbe(Probe):
     }
     beside: ClassVar = ("transfers", "lights", "matrices", "whites")
     writes: ClassVar = {
-        "edge_mtf50": "stage [um-1] nan", "edge_mtf50_low": "stage [um-1] nan", "edge_mtf50_high": "stage [um-1] nan",
-        "edge_mtf50_cycles": "stage [pixel-1] nan", "edge_effective_lp_mm": "stage [mm-1] nan",
-        "edge_effective_cycles": "stage [pixel-1] nan", "edge_effective_line_widths": "stage [1] nan",
-        "edge_mtf10": "stage [um-1] nan", "edge_aliasing": "stage [1] nan",
-        "edge_angle": "stage [deg] nan", "edge_analytic": "stage [um-1] nan", "edge_difference": "stage [um-1] nan",
+        "edge_mtf50": "stage [cycles/um] nan", "edge_mtf50_low": "stage [cycles/um] nan", "edge_mtf50_high": "stage [cycles/um] nan",
+        "edge_mtf50_cycles": "stage [cycles/pixel] nan", "edge_effective_lp_mm": "stage [cycles/mm] nan",
+        "edge_effective_cycles": "stage [cycles/pixel] nan", "edge_effective_line_widths": "stage [1] nan",
+        "edge_mtf10": "stage [cycles/um] nan", "edge_aliasing": "stage [1] nan",
+        "edge_angle": "stage [deg] nan", "edge_analytic": "stage [cycles/um] nan", "edge_difference": "stage [cycles/um] nan",
         "edge_flags": "stage [1] uint8", "resolution_gain": "factor [1] nan", "limiting_factor": "[1] nan",
+        "esfr": "stage frequency [1] nan", "esfr_analytic": "stage frequency [1] nan",
+        "frequency_lp_mm": "frequency [cycles/mm]", "nyquist_lp_mm": "[cycles/mm]",
     }  # fmt: skip
-    creates: ClassVar = {"factor": Labels(EVERY_FACTOR)}
-    nanoseconds: ClassVar = 6e7
+    creates: ClassVar = {"factor": Labels(EVERY_FACTOR), "frequency": curves.FREQUENCY}
+    nanoseconds: ClassVar = 9e5
 
     pixel_pitch: float = quantity("pixel_pitch")
     pattern: str = quantity("pattern")
@@ -96,7 +101,7 @@ class EdgeProbe(Probe):
         400, at_least=50, at_most=100_000, fidelity=True, reference="6400 draws", studied=True, settings=(50, 100, 200, 400, 1600, 6400),
         doc="of the bootstrap",
     )  # fmt: skip
-    highest: float = param(4.0, units="um-1", above=0, doc="where the search for the analytic MTF50 ends")
+    highest: float = param(4.0, units="cycles/um", above=0, doc="where the search for the analytic MTF50 ends")
     nodes: int = param(
         512, at_least=16, held=(16, 16384), fidelity=True, reference="1024 nodes", settings=(64, 128, 256, 512, 1024),
         doc="frequencies at which a crossing is looked for",
@@ -145,14 +150,21 @@ class EdgeProbe(Probe):
         analytic = self.analytic(transfers, weights, [(name, *found[name][:2]) for name in stage])
         edge = {key: np.array([rows[name][key] for name in stage]) for key in _COLUMNS}
         edge["edge_flags"] = edge["edge_flags"].astype(np.uint8)
-        known = np.array([analytic[name] for name in stage])
+        known = np.array([analytic[name][0] for name in stage])
         effective = edge["edge_effective_cycles"] / self.pixel_pitch
         gain, limiting = self.limits(transfers, weights, [(name, *found[name]) for name in stage], clipped)
         return {
             **edge, "edge_effective_lp_mm": effective * 1e3, "edge_effective_line_widths": 2 * effective * picture_height(transfers),
             "edge_analytic": known, "edge_difference": edge["edge_mtf50"] - known,
             "resolution_gain": gain, "limiting_factor": np.array(limiting),
+            "esfr": np.array([self.measured_curve(*found[name][1:]) for name in stage]).reshape(-1, curves.SAMPLES),
+            "esfr_analytic": np.array([analytic[name][1] for name in stage]).reshape(-1, curves.SAMPLES),
+            **curves.beside(self.pixel_pitch),
         }  # fmt: skip
+
+    def measured_curve(self, edge: Edge | None, step: float) -> Any:
+        """(frequency,): of an edge in samples of ``step`` um."""
+        return curves.undefined() if edge is None else curves.of_edge(edge.frequency, edge.sfr, self.pixel_pitch / step)
 
     def decoded(self, picture: Any) -> Any:
         if self.encoding == "power":
@@ -206,10 +218,10 @@ class EdgeProbe(Probe):
 
     # -- what the transfer functions say --------------------------------------------------------------------------
 
-    def analytic(self, transfers: Any, weights: Any, found: Any) -> dict[str, float]:
-        """MTF50 along each picture's own normal, NaN where no product of transfer functions is what made the picture."""
+    def analytic(self, transfers: Any, weights: Any, found: Any) -> dict[str, tuple[float, Any]]:
+        """MTF50 and the curve along each picture's own normal, NaN where no product of transfer functions is what made the picture."""
         by_name = dict(transfers)
-        values = {}
+        values: dict[str, tuple[float, Any]] = {}
         current = transfers[0][1].without([name for name, _ in transfers[0][1].parts]) if transfers else None
         ended = not transfers
         for number, (name, variable, edge) in enumerate(found):
@@ -219,11 +231,11 @@ class EdgeProbe(Probe):
             elif variable != "irradiance" or not any(by_name[n].whole for n, *_ in found[number + 1 :] if n in by_name):
                 ended = True
             if ended or edge is None or current is None:
-                values[name] = math.nan
+                values[name] = (math.nan, curves.undefined())
                 continue
             own = response(current, weights, _normal(edge), rendering=True)
             grid = contrast.search_nodes(self.highest, self.nodes)
-            values[name] = contrast.falls_below(own, 0.5, grid, own(grid))
+            values[name] = (contrast.falls_below(own, 0.5, grid, own(grid)), own(curves.PER_PIXEL / self.pixel_pitch))
         return values
 
     def limits(self, transfers: Any, weights: Any, found: Any, clipped: bool) -> tuple[Any, float]:

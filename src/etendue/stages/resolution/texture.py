@@ -81,7 +81,9 @@ class StarProbe(_Pictures):
     star, where the picture is too small for rings below half contrast, clipped, or half contrast is not reached at ``highest``.
     """
 
-    writes: ClassVar = {"star_mtf50": "stage [um-1] nan", "star_mtf50_cycles": "stage [pixel-1] nan", "star_mtf10": "stage [um-1] nan"}
+    writes: ClassVar = {
+        "star_mtf50": "stage [cycles/um] nan", "star_mtf50_cycles": "stage [cycles/pixel] nan", "star_mtf10": "stage [cycles/um] nan",
+    }  # fmt: skip
     nanoseconds: ClassVar = 1e8
 
     cycles: int = param(36, at_least=8, doc="of the star, as the scene has it")
@@ -151,7 +153,7 @@ class LeavesProbe(_Pictures):
     half contrast that is not reached below 0.5 cycles/pixel or is hidden by noise.
     """
 
-    writes: ClassVar = {"leaves_mtf50": "stage [um-1] nan", "leaves_mtf50_cycles": "stage [pixel-1] nan"}
+    writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
     nanoseconds: ClassVar = 1e8
 
     def run(

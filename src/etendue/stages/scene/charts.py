@@ -221,7 +221,7 @@ class SiemensStar(_TwoLevels):
 class ZonePlate(_TwoLevels):
     """Circles whose frequency grows with the radius: aliasing made visible."""
 
-    highest_frequency: float = param(0.25, units="um-1", above=0, doc="local frequency at the radius")
+    highest_frequency: float = param(0.25, units="cycles/um", above=0, doc="local frequency at the radius")
     radius: float = param(400.0, units="um", above=0)
 
     def chart(self, y: Any, x: Any, drawn: charts.Drawn) -> Any:
@@ -309,7 +309,7 @@ class ColorChecker(_Coloured):
 class CompositeChart(_Coloured):
     """ColorChecker, slanted edges, Siemens star, zone plate and step wedge in one frame."""
 
-    highest_frequency: float = param(0.1, units="um-1", above=0, doc="frequency at the rim of the zone plate")
+    highest_frequency: float = param(0.1, units="cycles/um", above=0, doc="frequency at the rim of the zone plate")
     angle: float = param(5.0, units="deg", above=-45, below=45, held=(-10, 10), doc="of the tilted square; beyond 10 it leaves its place")
     cycles: int = param(36, at_least=1, held=(1, 100_000))
     low: float = param(0.05, above=0.025, at_most=1)

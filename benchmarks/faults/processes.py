@@ -1,0 +1,69 @@
+"""The processes of this machine, as /proc shows them: who started whom, who is left, who listens.
+
+In:  the number of a process, or of a session.
+Out: numbers of processes that have not ended; addresses.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from pathlib import Path
+
+PROC = Path("/proc")
+
+
+def states() -> dict[int, tuple[int, int]]:
+    """Parent and session of every process that has not ended."""
+    found = {}
+    for status in PROC.glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError, IndexError, ValueError):
+            fields = status.read_text().rsplit(")", 1)[1].split()
+            if fields[0] != "Z":
+                found[int(status.parent.name)] = int(fields[1]), int(fields[3])
+    return found
+
+
+def of_session(session: int) -> list[int]:
+    return [pid for pid, (_, own) in states().items() if own == session]
+
+
+def children(pid: int) -> list[int]:
+    """The processes that a process has started, and theirs."""
+    known, found, open_ = states(), list[int](), [pid]
+    while open_:
+        parent = open_.pop()
+        below = [child for child, (own, _) in known.items() if own == parent]
+        found += below
+        open_ += below
+    return found
+
+
+def workers_below(pid: int) -> list[int]:
+    """The worker processes that a process watches over; Python's tracker of shared things is none."""
+    found = []
+    for child in children(pid):
+        with contextlib.suppress(OSError):
+            words = (PROC / str(child) / "cmdline").read_bytes()
+            if b"spawn_main" in words and b"resource_tracker" not in words:
+                found.append(child)
+    return found
+
+
+def still(pids: list[int], seconds: float = 8.0) -> list[int]:
+    """Which of some processes are there after a while."""
+    until = time.monotonic() + seconds
+    while (alive := [pid for pid in pids if pid in states()]) and time.monotonic() < until:
+        time.sleep(0.1)
+    return alive
+
+
+def listening(session: int) -> list[str]:
+    """The addresses at which processes of a session listen, in the words of the kernel."""
+    own = set()
+    for pid in of_session(session):
+        with contextlib.suppress(OSError):
+            own |= {os.readlink(link) for link in (PROC / str(pid) / "fd").iterdir()}
+    rows = [row.split() for table in ("tcp", "tcp6") for row in (PROC / "net" / table).read_text().splitlines()[1:]]
+    return [row[1].rpartition(":")[0] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in own]

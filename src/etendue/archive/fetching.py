@@ -1,0 +1,265 @@
+"""An archive on an object store made a folder: small documents are fetched, shards are stood in for.
+
+In:  what is on the store, what of it the folder has already.
+Out: the folder as a run or a reader expects an archive; by path, which object each file equals.
+
+A shard whose object is still the one that was put needs no request: its index follows from the journal. Of one that nobody vouches for the
+index is fetched; one that is another than was put is fetched whole, and judged like any damaged file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Callable, Collection, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from etendue.archive import disk
+from etendue.archive.clearing import CHUNK
+from etendue.archive.journal import NAME as JOURNAL
+from etendue.archive.journal import UNFIT
+from etendue.archive.lease import CLOSED, Seen
+from etendue.archive.manifest import DATA
+from etendue.archive.objects import Found, Objects
+from etendue.archive.reading import StoredArchive
+from etendue.archive.shards import Shard, index_bytes, index_size
+from etendue.archive.standins import STORE
+from etendue.spec.ports import Written
+
+TABLE = "objects.json"  # which objects belong to an archive: the tag of each as it was put
+PACK = "documents.zip"  # the small ones of these objects once more, for whoever would fetch them all
+SMALL, SMALL_SHARD = 64 << 10, 4 << 10  # bytes of what is in it
+AT_ONCE = 16  # requests under way
+State = tuple[int, int, int]  # size, last change (ns) and number of a file: a file that is put in its place anew has another
+Known = tuple[str, int, int, int]  # the tag of an object, and the state of the file that equals it
+
+
+@dataclass
+class Here:
+    """A working folder: ``place`` holds the folder of the archive and what is known of it.
+
+    Attributes
+    ----------
+    run : the run that has written to it last; '' where nothing of it is newer than the store
+    there : by path, the object that a file equals, and the file as it was then
+    """
+
+    place: Path
+    url: str
+    run: str = ""
+    there: dict[str, Known] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        return self.place / self.url.rpartition("/")[2]
+
+    def load(self) -> None:
+        known = disk.read_document(self.place / STORE) or {}
+        if known.get("url") == self.url:
+            self.run = str(known.get("run", ""))
+            self.there = {path: (str(one[0]), int(one[1]), int(one[2]), int(one[3])) for path, one in dict(known.get("there", {})).items()}
+
+    def save(self) -> None:
+        disk.write(self.place, STORE, json.dumps({"url": self.url, "run": self.run, "there": self.there}).encode())
+
+    def state(self, path: str) -> State | None:
+        """The state of a file; None where there is none."""
+        try:
+            found = os.lstat(self.folder / path)
+        except OSError:
+            return None
+        return found.st_size, found.st_mtime_ns, found.st_ino
+
+    def equal(self, path: str, tag: str) -> None:
+        """Say that a file is as the object is."""
+        if state := self.state(path):
+            self.there[path] = (tag, *state)
+
+    def files(self, every: bool = False) -> dict[str, State]:
+        """The state of every file of the archive; unless ``every``, without shards in the making."""
+        found = {}
+        for top, _, names in os.walk(self.folder):
+            for name in names:
+                path = os.path.relpath(os.path.join(top, name), self.folder)
+                if (every or not name.endswith((disk.PART, disk.PARTIAL))) and (state := self.state(path)):
+                    found[path] = state
+        return found
+
+    def changed(self) -> list[str]:
+        """Files that are not as on the store."""
+        return [path for path, state in self.files().items() if self.there.get(path, ("", 0, 0, 0))[1:] != state]
+
+    def gone(self) -> list[str]:
+        """Objects whose files have been removed."""
+        return [path for path in self.there if self.state(path) is None]
+
+
+def is_shard(path: str) -> bool:
+    return path.startswith(f"{DATA}/") and CHUNK.fullmatch(path.rpartition("/")[2]) is not None
+
+
+def is_ours(path: str) -> bool:
+    """Whether an object has the name of a file of an archive."""
+    return path in disk.FILES or path.partition("/")[0] in disk.FOLDERS
+
+
+def fetch(objects: Objects, here: Here, seen: Seen, found: Mapping[str, Found], exact: bool, inputs: bool = True) -> None:
+    """Make a folder what is on the store; what a run of this folder has not put yet stays.
+
+    ``exact``: the index of every shard as it is on the store, for whoever looks at all; ``inputs``: also the files of pipelines.
+    """
+    ours = bool(here.run) and here.run == seen.run
+    wanted = {path: one for path, one in found.items() if is_ours(path) and (inputs or not path.startswith("inputs/"))}
+    if not ours:
+        here.run = ""
+    for path, state in (here.files() if ours else here.files(every=True)).items():
+        if path not in wanted and (not ours or state[1] == disk.ELSEWHERE):
+            disk.remove(here.folder, path)
+            here.there.pop(path, None)
+    for top, _, _ in os.walk(here.folder, topdown=False):
+        with suppress(OSError):  # only where it is empty
+            os.rmdir(top)
+    (here.folder / DATA).mkdir(parents=True, exist_ok=True)
+    todo = [path for path, one in wanted.items() if _lacks(here, path, one, ours)]
+    vouched = _vouched(objects) if TABLE in found and todo else {}
+    if JOURNAL in todo:
+        todo.remove(JOURNAL)
+        data, one = objects.get(JOURNAL)
+        if seen.state != CLOSED:
+            data = _backed(data, wanted)
+        disk.write(here.folder, JOURNAL, data)
+        here.equal(JOURNAL, one.tag if seen.state == CLOSED else "")
+    archive = StoredArchive(here.folder)
+    indexes, pack = _Indexes(archive), _pack(objects, found, vouched, todo) if not exact else {}
+    trusted = seen.state == CLOSED and not exact
+
+    def bring(path: str) -> tuple[str, str]:
+        one, tag = wanted[path], vouched.get(path)
+        if path in pack and tag == one.tag:
+            disk.write(here.folder, path, pack[path])
+            return path, tag
+        slots = indexes.slots(path) if is_shard(path) and tag in (None, one.tag) else 0
+        if not slots or one.size <= index_size(slots):
+            disk.write(here.folder, path, objects.pieces(path))
+        elif trusted and tag is not None:
+            disk.write_stand_in(here.folder, path, one.size, indexes.bytes(path, slots))
+        else:
+            length = index_size(slots)
+            disk.write_stand_in(here.folder, path, one.size, objects.part(path, one.size - length, length))
+        return path, one.tag
+
+    for path, tag in at_once(bring, todo):
+        here.equal(path, tag)
+
+
+def _lacks(here: Here, path: str, one: Found, ours: bool) -> bool:
+    """Whether an object is to be fetched."""
+    known, state = here.there.get(path), here.state(path)
+    same = known is not None and known[0] == one.tag
+    if ours and state is None:
+        return not same  # else a run has removed it
+    if ours and state is not None and state[1] != disk.ELSEWHERE:
+        if not same:
+            here.there.pop(path, None)
+        return False
+    return not same or known is None or known[1:] != state
+
+
+def at_once(do: Callable[[str], Any], paths: Iterable[str], threads: int = AT_ONCE) -> list[Any]:
+    """Do something with many paths; what goes wrong with one of them ends it."""
+    own = list(paths)
+    if len(own) < 2:
+        return [do(path) for path in own]
+    with ThreadPoolExecutor(min(threads, len(own))) as pool:
+        waiting = [pool.submit(do, path) for path in own]
+        try:
+            return [one.result() for one in waiting]
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _vouched(objects: Objects) -> dict[str, str]:
+    """The tags of the objects as they were put."""
+    try:
+        known = json.loads(objects.get(TABLE)[0])["objects"]
+        return {str(path): str(tag) for path, tag in known.items()}
+    except (FileNotFoundError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
+
+
+def packed(here: Here) -> bytes:
+    """The small documents of an archive in one, the same for the same documents."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as file:
+        for path, state in sorted(here.files().items()):
+            most = SMALL_SHARD if is_shard(path) else 0 if path.startswith("inputs/") else SMALL
+            if state[1] != disk.ELSEWHERE and state[0] <= most:
+                file.writestr(zipfile.ZipInfo(path), (here.folder / path).read_bytes(), zipfile.ZIP_DEFLATED)
+    return data.getvalue()
+
+
+def _pack(objects: Objects, found: Mapping[str, Found], vouched: Mapping[str, str], todo: Collection[str]) -> dict[str, bytes]:
+    """The documents that a run has packed, while the table has the tag of the pack: a run that has begun since has taken it out."""
+    if PACK not in found or vouched.get(PACK) != found[PACK].tag or len(todo) < AT_ONCE:
+        return {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(objects.get(PACK)[0])) as file:
+            return {path: file.read(path) for path in set(file.namelist()).intersection(todo)}
+    except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError):
+        return {}
+
+
+class _Indexes:
+    """What the indexes of shards have to say, by the journal."""
+
+    def __init__(self, archive: StoredArchive) -> None:
+        self.archive, self.journal = archive, archive.journal
+        self.written = {} if self.journal.files_a_cell else self.journal.said.by_shard()  # numbers of chunks
+
+    def slots(self, path: str) -> int:
+        """How many chunks a shard has room for; 0: nothing is known of it."""
+        return self.archive.slots_of([path]).get(path, 0) if path in self.journal.shards else 0
+
+    def bytes(self, path: str, slots: int) -> bytes:
+        shard = self.journal.shards[path]
+        written = map(self.journal.said.files.__getitem__, self.written[path])
+        places = {one.slot: (at, one.size) for one in written if (at := shard.at(one)) is not None}
+        return index_bytes(slots, places)
+
+
+def _backed(data: bytes, found: Mapping[str, Found]) -> bytes:
+    """The lines of a journal of which the bytes are on the store too: cells of a run that was broken off may lie in its own folder only."""
+    lines = data.split(b"\n")[:-1]
+    decoded = [_document(line) for line in lines]
+    last: dict[str, Shard] = {}
+    for one in decoded:
+        if one.get("event") == "shard" and one.get("path") in found:
+            last[one["path"]] = Shard(one["size"], tuple(tuple(run) for run in one["kept"]))
+
+    def there(one: Mapping[str, Any]) -> bool:
+        if one.get("event") == "shard":
+            return one.get("path") in found
+        if one.get("event") != "done":
+            return True
+        files = [Written(*file) for file in one.get("files", ()) if len(file) == 6]
+        return all(file.path in last and last[file.path].at(file) is not None for file in files)
+
+    return b"".join(line + b"\n" for line, one in zip(lines, decoded, strict=True) if there(one))
+
+
+def _document(line: bytes) -> dict[str, Any]:
+    try:
+        found = msgspec.json.decode(line)
+    except UNFIT:
+        return {}
+    return found if isinstance(found, dict) else {}

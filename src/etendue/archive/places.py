@@ -1,0 +1,194 @@
+"""Where an archive is: a folder, or a URL of an object store. Whoever works on folders is given one.
+
+In:  a path, or ``s3://bucket/prefix/name``.
+Out: a folder for as long as it is needed; texts and documents that say the URL in its place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from etendue.errors import ArchiveError, EtendueError, RequestError
+
+if TYPE_CHECKING:
+    import xarray
+
+READING = "reading-"
+
+
+class Url(str):
+    """A place on an object store, said as paths are."""
+
+    def __truediv__(self, name: str) -> Url:
+        return Url(f"{self.rstrip('/')}/{name}")
+
+
+def is_url(place: object) -> bool:
+    """Whether a place is on an object store."""
+    return "://" in str(place)
+
+
+@contextmanager
+def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iterator[Path]:
+    """A folder from which an archive can be read.
+
+    Of one on an object store what is small is fetched, the rest when it is read, and nothing is put. ``exact``: nothing is taken from the
+    journal that can be looked at; ``inputs``: also the files that pipelines name.
+
+    Raises
+    ------
+    ArchiveError
+        There is no archive, or the store cannot be asked.
+    """
+    if not is_url(place):
+        yield Path(place)
+        return
+    from etendue.archive.mirror import work_place
+
+    work = work_place()
+    work.mkdir(parents=True, exist_ok=True)
+    _sweep(work)
+    own = Path(tempfile.mkdtemp(prefix=READING, dir=work))
+    held = os.open(own / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(held, fcntl.LOCK_SH)
+        yield from _fetched(str(place), own, exact, inputs)
+    finally:
+        os.close(held)
+        shutil.rmtree(own, ignore_errors=True)
+
+
+def _fetched(url: str, own: Path, exact: bool, inputs: bool) -> Iterator[Path]:
+    from etendue.archive import standins
+    from etendue.archive.behind import Reader, stand
+    from etendue.archive.fetching import Here, fetch
+    from etendue.archive.lease import look
+    from etendue.archive.objects import Objects
+
+    objects = Objects(url)
+    here, found = Here(own, objects.url), objects.list()
+    if not {"journal.jsonl", "data.zarr/zarr.json", "manifest.json"} & found.keys():
+        raise ArchiveError(f"{objects.url} holds no archive of etendue")
+    seen = look(objects)
+    fetch(objects, here, seen, found, exact, inputs)
+    here.save()
+    (here.folder / "lock").touch()
+    stand(here.folder, Reader(seen.held() > 0))
+    try:
+        with _said(objects.url, here.folder):
+            yield here.folder
+    finally:
+        stand(here.folder, None)
+        standins.forget(here.folder)
+
+
+def _sweep(work: Path) -> None:
+    """Remove what readers that were killed have left."""
+    for place in work.glob(f"{READING}*"):
+        try:
+            held = os.open(place / "lock", os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            continue
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(place, ignore_errors=True)
+        except BlockingIOError:
+            pass
+        finally:
+            os.close(held)
+
+
+@contextmanager
+def writing(place: str | Path, scheduler: str = "", exact: bool = False) -> Iterator[Path]:
+    """A folder into which a run may write; what has changed in it is on the object store at the end.
+
+    Raises
+    ------
+    ArchiveError, ArchiveInUse, StoreLost
+        The store cannot be asked; another run writes there.
+    RequestError
+        The workers of a cluster would not see the folder.
+    """
+    if not is_url(place):
+        yield Path(place)
+        return
+    from etendue import interrupts
+    from etendue.archive.mirror import Mirror
+
+    if scheduler.startswith(("tcp://", "tls://")) and not os.environ.get("ETENDUE_WORK"):
+        raise RequestError(
+            f"--scheduler {scheduler} with {place}: the workers of a cluster store through a folder that all of them see; "
+            "name one on a shared file system, ETENDUE_WORK=DIR, or use another scheduler"
+        )
+    mirror = Mirror(str(place), exact)
+    try:
+        with mirror as folder, _said(mirror.objects.url, folder):
+            interrupts.say(f"interrupted; what is finished is kept in {mirror.here.place}, run again to go on")
+            yield folder
+    finally:
+        for text in mirror.notes:
+            print(f"note: {text}", file=sys.stderr)
+
+
+@contextmanager
+def _said(url: str, folder: Path) -> Iterator[None]:
+    """Errors that name the URL, not the folder that stands for it."""
+    try:
+        yield
+    except RequestError as error:
+        faults = [dataclasses.replace(f, place=named(f.place, folder, url), message=named(f.message, folder, url)) for f in error.faults]
+        raise RequestError(faults, named(error.file, folder, url)) from None
+    except EtendueError as error:
+        error.args = tuple(named(one, folder, url) for one in error.args)
+        raise
+
+
+def named(value: Any, folder: Path, place: str | Path) -> Any:
+    """A document in which the place of an archive stands for the folder that was worked on."""
+    if not is_url(place):
+        return value
+    if isinstance(value, str | Path):
+        return str(value).replace(str(folder), str(place).rstrip("/")) if str(folder) in str(value) else value
+    if isinstance(value, dict):
+        return {key: named(one, folder, place) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(named(one, folder, place) for one in value)
+    return value
+
+
+def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
+    """The outcome of a run in terms of the place that was asked for."""
+    if not is_url(place):
+        return outcome
+    return dataclasses.replace(outcome, archive=Url(place), pictures=named(outcome.pictures, folder, place))
+
+
+def open_archive(place: str | Path) -> xarray.DataTree:
+    """An archive as a lazy ``xarray.DataTree``: arrays are read when they are asked for.
+
+    In a folder also while its run goes on and after it was broken off: every cell that is finished, wherever it lies by now, and ``status``
+    says which are. Of an object store what runs have published, as plain xarray sees it.
+
+    Raises
+    ------
+    ArchiveError
+        There is none, or nothing of it can be read yet. So does reading an array of which something is lost, in a folder.
+    """
+    if not is_url(place):
+        from etendue.archive.vouched import open_archive as opened
+
+        return opened(place)
+    import xarray
+
+    from etendue.archive.objects import zarr_store
+
+    return xarray.open_datatree(zarr_store(str(place)), engine="zarr")

@@ -1,0 +1,49 @@
+"""Commands that write something to begin with: ``new``, ``new-plugin``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from etendue.cli.saying import command
+
+FOLDER = click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where; default here.")
+
+
+@command("new")
+@click.argument("name")
+@click.option("--sensor", default="sony-imx363", show_default=True, metavar="NAME", help="One of those that `etendue sensors` lists.")
+@FOLDER
+def new(name: str, sensor: str, output: Path | None) -> None:
+    """A commented pipeline NAME.toml to begin with: a whole camera, from a chart to a display."""
+    from etendue.scaffolds.beginning import text_of
+    from etendue.scaffolds.files import refuse_existing
+
+    text = text_of(name, sensor)
+    place = (output or Path()) / f"{name}.toml"
+    refuse_existing(place)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_text(text, encoding="utf-8")
+    click.echo(f"{place}: next: etendue run {place}")
+
+
+@command("new-plugin")
+@click.argument("name")
+@click.option("--role", metavar="ROLE", help="What it is for: demosaicing, lens, sharpening, ...; `etendue stages` lists them.")
+@click.option("--like", metavar="STAGE", help="The installed stage it begins as; default: a simple one of the role.")
+@FOLDER
+def new_plugin(name: str, role: str | None, like: str | None, output: Path | None) -> None:
+    """A distribution that brings a stage of your own: it installs, passes the laws of its kind and is ranked by `compare` as it stands.
+
+    It inherits the arithmetic of an installed stage; write yours in the place of one line.
+    """
+    from etendue.registry import installed_stages
+    from etendue.scaffolds.distribution import beginning, files
+    from etendue.scaffolds.files import write_folder
+
+    one = beginning(installed_stages(), name, role, like)
+    place = (output or Path()) / one.distribution
+    for path in write_folder(place, files(one)):
+        click.echo(path)
+    click.echo(f"next: pip install -e '{place}[test]', pytest {place}, etendue stages {one.stage}; begins as {one.like}")

@@ -1,0 +1,78 @@
+"""Plots of an archive: ``plot``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from etendue import streams
+from etendue.cli.options import JSON
+from etendue.cli.saying import command, say, show
+
+
+@command("plot")
+@click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+@click.argument("words", nargs=-1, metavar="[KIND] [VARIABLE]...")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help=".png, .svg, .pdf, or .csv: the numbers. Default ./ARCHIVE-KIND.png.",
+)
+@click.option("--list", "listing", is_flag=True, help="Say which kinds, variables and axes there are.")
+@click.option("--at", multiple=True, metavar="DIM=VALUE", help="f_number=2.8, stage=pixel; may be repeated.")
+@click.option("--x", default="", metavar="DIM", help="What runs along x.")
+@click.option("--y", default="", metavar="DIM", help="What runs along y of a map.")
+@click.option("--lines", default="", metavar="DIM", help="What lines of curves tell apart.")
+@click.option("--panels", default="", metavar="DIM,DIM", help="What panels tell apart, at most two.")
+@click.option("--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order.")
+@JSON
+def plot(
+    folder: Path, words: tuple[str, ...], output: Path | None, listing: bool, at: tuple[str, ...], x: str, y: str, lines: str, panels: str,
+    better: str, as_json: bool,
+) -> None:  # fmt: skip
+    """Draw what an archive holds: figures over axes, curves, fronts, pictures, budgets.
+
+    \b
+    etendue plot sweep                                    what fits what it holds
+    etendue plot sweep --list                             which figures and axes there are
+    etendue plot sweep map mean_snr -o snr.svg            numbers over two axes, a third as panels
+    etendue plot sweep pareto effective_lp_mm mean_snr    the front of two figures, named
+    etendue plot sweep curves mean_snr --x integration_time --lines f_number
+    etendue plot sweep limits                             which factor limits resolution where
+    etendue plot sweep strip                              all stages as pictures, a part of each enlarged
+    etendue plot sweep show rgb_display --at f_number=2.8 --at pixel_pitch=4um --at integration_time=10ms
+    etendue plot sweep budget                             run time, error, omissions by stage
+    """
+    from etendue.plots.holdings import Holdings
+    from etendue.plots.kinds import Asked, draw, kind_of, listed
+    from etendue.plots.opening import opened
+    from etendue.plots.places import read_at
+    from etendue.plots.plot import check_suffix
+
+    asked = Asked((), x, y, lines, _parts(panels), _parts(better), read_at(at))
+    if output is not None:
+        check_suffix(output)
+    holdings = Holdings(opened(folder))
+    if listing:
+        from etendue.report.looking import plots_text
+
+        document = listed(holdings)
+        say(document) if as_json else show(click.echo, "\n".join(plots_text(document)))
+        return
+    kind, figures = kind_of(holdings, words[0] if words else "", words[1:])
+    made = draw(holdings, kind, Asked(figures, asked.x, asked.y, asked.lines, asked.panels, asked.better, asked.at))
+    path = made.save(output or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png"))
+    if as_json:
+        say({"file": str(path), "kind": kind, "columns": list(made.columns), "rows": [list(row) for row in made.rows], "notes": made.notes})
+        return
+    with streams.results():
+        click.echo(str(path))
+    for text in made.notes:
+        click.echo(f"note: {text}", err=True)
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())

@@ -1,0 +1,202 @@
+"""An archive opened to be shown: its axes, its stages with their variables, and arrays of single cells, also of a run that is going on.
+
+In:  the folder of an archive.
+Out: ``Opened``. Arrays are read where the journal says they lie, and held against its digests. Nothing is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from etendue.archive.describe import order_of, progress
+from etendue.archive.entries import Entry
+from etendue.archive.layout import BOUNDS
+from etendue.archive.manifest import DATA
+from etendue.archive.naming import cell_label
+from etendue.archive.owner import is_running
+from etendue.archive.provenance import latest_record, records
+from etendue.archive.stored import Stored
+from etendue.errors import ArchiveError
+
+PLANE = ("y", "x")
+FINISHED = ("done", "left_out")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of the sweep, over all groups and runs of the archive; numbers ascend."""
+
+    dim: str
+    key: str  # the parameter: "sharpen.strength"
+    label: str
+    units: str
+    values: tuple[Any, ...]
+
+    @cached_property
+    def places(self) -> Mapping[Any, int]:
+        return {value: place for place, value in enumerate(self.values)}
+
+    @property
+    def text(self) -> bool:
+        return any(isinstance(value, str) for value in self.values)
+
+
+@dataclass(frozen=True)
+class Group:
+    """One group of the store: a stage, or one shape of it."""
+
+    stage: str
+    path: str
+    axes: Mapping[str, list[Any]]  # values by dim, as stored
+    data: xarray.Dataset
+
+    @property
+    def variables(self) -> dict[str, tuple[str, ...]]:
+        """The dims of every variable of one cell, axes aside."""
+        found = {str(name): tuple(str(dim) for dim in own.dims if dim not in self.axes) for name, own in self.data.data_vars.items()}
+        return {name: dims for name, dims in found.items() if name not in ("status", BOUNDS) and not name.endswith("_um")}
+
+
+class Opened:
+    """An archive as it is now.
+
+    Attributes
+    ----------
+    record : of the last run: parameters, versions, platform
+    running : whether a run is writing to it
+    ended : whether its last run has come to an end, so that its tables are right
+    damaged : what was asked for and is not as it was written
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.running = is_running(folder)
+        self.stored = Stored(folder)
+        self.damaged: set[str] = set()
+        record = latest_record(folder)
+        if record is None:
+            why = "a run is beginning; look again in a moment" if self.running else "no readable record of a run; see etendue verify"
+            raise ArchiveError(f"{folder}: {why}")
+        self.record: dict[str, Any] = record
+        self.ended = self.stored.manifest is not None and not self.running
+        if self.stored.manifest is not None and not self.running and (changed := self.stored.manifest.changed(folder)):
+            raise ArchiveError(f"{folder / changed[0]} is missing, or not as it was written. Mend it: etendue verify {folder} --repair")
+
+    @property
+    def entries(self) -> Mapping[str, Entry]:
+        """The last word of the journal on every cell."""
+        return self.stored.journal.entries
+
+    @cached_property
+    def stages(self) -> list[str]:
+        """In the order of the pipeline."""
+        return order_of(self.folder / DATA, self.record)
+
+    @cached_property
+    def runs(self) -> list[dict[str, Any]]:
+        return records(self.folder)
+
+    @cached_property
+    def progress(self) -> dict[str, Any]:
+        """Cells that the last run was asked for, those that are there; of a run that is going on its rate and what is left."""
+        return progress(self.stored.journal, str(self.record["began"]) if self.running else "")
+
+    @cached_property
+    def groups(self) -> Mapping[str, list[Group]]:
+        """By stage, those that hold arrays."""
+        found: dict[str, list[Group]] = {stage: [] for stage in self.stages}
+        for path, axes in self.stored.journal.axes.items():
+            stage = path.split("/")[0]
+            if stage not in found or not (self.folder / DATA / path / "zarr.json").is_file():
+                continue
+            data = xarray.open_dataset(str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False)
+            found[stage].append(Group(stage, path, axes, data))
+        return found
+
+    @cached_property
+    def axes(self) -> tuple[Axis, ...]:
+        """Every axis that any group has, in the order of the sweep."""
+        values: dict[str, dict[Any, None]] = {str(dim): {} for dim in self.record["axes"]}
+        shown: dict[str, tuple[str, str, str]] = {}
+        for group in (one for groups in self.groups.values() for one in groups):
+            for dim, own in group.axes.items():
+                values.setdefault(dim, {}).update(dict.fromkeys(own))
+                attrs = group.data[dim].attrs if dim in group.data.coords else {}
+                shown[dim] = tuple(str(attrs.get(name, dim)) for name in ("parameter", "long_name", "units"))  # type: ignore[assignment]
+        found = []
+        for dim, known in values.items():
+            ordered = list(known) if any(isinstance(v, str) for v in known) else sorted(known)
+            key, label, units = shown.get(dim, (dim, dim, "1"))
+            if ordered:
+                found.append(Axis(dim, key, label, "" if units == "1" else units, tuple(ordered)))
+        return tuple(found)
+
+    def axis(self, dim: str) -> Axis:
+        return next(axis for axis in self.axes if axis.dim == dim)
+
+    def reaching(self, stage: str) -> tuple[str, ...]:
+        """The axes that reach a stage."""
+        groups = self.groups.get(stage, [])
+        return tuple(groups[0].axes) if groups else ()
+
+    # -- cells ----------------------------------------------------------------------------------------
+
+    def cells(self, group: Group) -> Iterator[tuple[tuple[int, ...], str]]:
+        """Every cell of a group as its place on the axes of the sweep, and its name."""
+        dims = list(group.axes)
+        places = [[self.axis(dim).places[value] for value in group.axes[dim]] for dim in dims]
+        shape = tuple(len(own) for own in places)
+        for index in np.ndindex(*shape):
+            name = cell_label(group.stage, {dim: group.axes[dim][i] for dim, i in zip(dims, index, strict=True)})
+            yield tuple(own[i] for own, i in zip(places, index, strict=True)), name
+
+    def find(self, stage: str, at: Mapping[str, int]) -> tuple[Group, str] | None:
+        """The group and name of the cell at places on the axes; None where the stage has none there."""
+        for group in self.groups.get(stage, []):
+            labels = {}
+            for dim, own in group.axes.items():
+                value = self.axis(dim).values[at.get(dim, 0)]
+                if value not in own:
+                    break
+                labels[dim] = own[own.index(value)]  # as it was written: 4 and 4.0 are equal
+            else:
+                name = cell_label(stage, labels)
+                if name in self.entries:
+                    return group, name
+        return None
+
+    def status(self, stage: str, at: Mapping[str, int]) -> str:
+        found = self.find(stage, at)
+        if found is None:
+            return "not computed"
+        entry = self.entries[found[1]]
+        return {"start": "being computed", "removed": "not computed"}.get(entry.event, entry.status.replace("_", " "))
+
+    def has(self, name: str) -> bool:
+        entry = self.entries.get(name)
+        return entry is not None and entry.event == "done"
+
+    def read(self, name: str, variable: str) -> Any:
+        """The array of a finished cell.
+
+        Raises
+        ------
+        ArchiveError
+            It was not kept, or it is damaged.
+        """
+        cell = self.stored.cell(name)
+        if variable not in cell.variables:
+            raise ArchiveError(f"{self.folder}: of {name} no {variable} is kept")
+        try:
+            return cell.read(variable)
+        except ArchiveError:
+            if not self.running:  # a run may be putting it in its place
+                self.damaged.add(f"{variable} of {name}")
+            raise

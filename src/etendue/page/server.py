@@ -1,0 +1,90 @@
+"""The server of the live page: on this machine alone, for whoever knows its address, to look and nothing else.
+
+In:  an archive; a port, 0 for any that is free.
+Out: answers to GET below a path that nobody can guess. A request that names another host is refused: a page of the web cannot reach
+it by giving its own name this address. Nothing is written, and no path of a request is ever a path of the disk.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from etendue.errors import EtendueError
+from etendue.page.live import Live, Refused
+
+HOST = "127.0.0.1"
+HEADERS = {
+    "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
+}  # fmt: skip
+
+
+class Server(ThreadingHTTPServer):
+    """Answers until ``shutdown``. Its address is ``url``."""
+
+    daemon_threads = True
+
+    def __init__(self, live: Live, port: int = 0) -> None:
+        super().__init__((HOST, port), _Handler)
+        self.live = live
+        self.token = secrets.token_urlsafe(24)
+
+    @property
+    def url(self) -> str:
+        return f"http://{HOST}:{self.server_port}/{self.token}/"
+
+    @property
+    def hosts(self) -> tuple[str, str]:
+        return f"{HOST}:{self.server_port}", f"localhost:{self.server_port}"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that has gone away is no error of ours."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    server_version = "etendue"
+    sys_version = ""
+    protocol_version = "HTTP/1.1"
+    timeout = 60.0
+
+    def do_GET(self) -> None:
+        if self.headers.get("Host", "") not in self.server.hosts:
+            return self._send(403, "text/plain", b"another host\n")
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("none", "same-origin"):
+            return self._send(403, "text/plain", b"another site\n")
+        parts = urlsplit(self.path)
+        token, slash, what = parts.path.removeprefix("/").partition("/")
+        if not slash or not hmac.compare_digest(token.encode(), self.server.token.encode()):
+            return self._send(404, "text/plain", b"nothing here\n")
+        answer = self.server.live.answers.get(what)
+        if answer is None:
+            return self._send(404, "text/plain", b"nothing here\n")
+        try:
+            kind, body, extra = answer(dict(parse_qsl(parts.query, max_num_fields=32)))
+        except Refused as error:
+            return self._send(error.status, "text/plain; charset=utf-8", f"{error}\n".encode())
+        except (EtendueError, ValueError) as error:
+            return self._send(500, "text/plain; charset=utf-8", f"{error}\n".encode())
+        return self._send(200, kind, body, extra)
+
+    def _only_looking(self) -> None:
+        self.close_connection = True  # what it would have sent is not read
+        self._send(405, "text/plain", b"GET alone\n", {"Allow": "GET"})
+
+    do_POST = do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_HEAD = _only_looking
+
+    def _send(self, status: int, kind: str, body: bytes, extra: dict[str, str] | None = None) -> None:
+        self.send_response(status)
+        for name, value in {"Content-Type": kind, "Content-Length": str(len(body)), **HEADERS, **(extra or {})}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Requests are nobody's business."""

@@ -1,0 +1,160 @@
+// What everything here is made of: elements that hold text as text, packed columns, words for numbers, and where the sliders stand.
+
+const SVG = 'http://www.w3.org/2000/svg';
+
+function put(node, attributes, children) {
+  for (const [name, value] of Object.entries(attributes || {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (name.startsWith('on')) node.addEventListener(name.slice(2), value);
+    else if (name === 'value' || name === 'checked' || name === 'disabled') node[name] = value;
+    else node.setAttribute(name, value === true ? '' : String(value));
+  }
+  for (const child of children.flat(3)) if (child !== null && child !== undefined && child !== false) node.append(child);
+  return node;
+}
+const el = (tag, attributes, ...children) => put(document.createElement(tag), attributes, children);
+const svg = (tag, attributes, ...children) => put(document.createElementNS(SVG, tag), attributes, children);
+const clear = (node, ...children) => { node.replaceChildren(...children.flat(3).filter((c) => c !== null && c !== undefined && c !== false)); return node; };
+const sum = (list) => list.reduce((a, b) => a + b, 0);
+const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
+
+// ---- numbers
+
+const TYPES = { f4: Float32Array, f8: Float64Array, u1: Uint8Array, u2: Uint16Array, u4: Uint32Array };
+
+async function unpacked(text) {
+  const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('deflate'));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+function column(bytes, place) {
+  const Type = TYPES[place.kind], width = Type.BYTES_PER_ELEMENT, count = place.count;
+  const own = bytes.subarray(place.at, place.at + count * width);
+  if (width === 1) return own;
+  const together = new Uint8Array(count * width);
+  for (let b = 0; b < width; b++) for (let i = 0, j = b; i < count; i++, j += width) together[j] = own[b * count + i];
+  return new Type(together.buffer);
+}
+
+const HIGH = { '-': '⁻', 0: '⁰', 1: '¹', 2: '²', 3: '³', 4: '⁴', 5: '⁵', 6: '⁶', 7: '⁷', 8: '⁸', 9: '⁹' };
+const raised = (text) => [...String(text)].map((c) => HIGH[c] || c).join('');
+
+function say(value, digits = 4) {
+  if (value === 'inf') return '∞';
+  if (typeof value === 'boolean') return value ? 'yes' : 'no';
+  if (typeof value === 'string') return value;
+  if (Array.isArray(value)) return value.map((v) => say(v, digits)).join(', ');
+  if (value === null || value === undefined || Number.isNaN(value)) return '–';
+  if (typeof value !== 'number') return JSON.stringify(value);
+  if (!Number.isFinite(value)) return value > 0 ? '∞' : '−∞';
+  if (value === 0) return '0';
+  const size = Math.abs(value);
+  if (size < 1e-3 || size >= 1e6) {
+    const [mantissa, power] = value.toExponential(Math.max(0, digits - 2)).split('e');
+    const short = mantissa.includes('.') ? mantissa.replace(/0+$/, '').replace(/\.$/, '') : mantissa;
+    return `${short.replace('-', '−')}·10${raised(Number(power))}`;
+  }
+  return String(Number(value.toPrecision(digits))).replace('-', '−');
+}
+
+const unit = (text) => (text === 'mm-1' ? 'lp/mm' : text || '').replace(/\bum/g, 'µm').replace(/([A-Za-zµ])(-?\d)/g, (_, letter, power) => letter + raised(power));
+const withUnit = (value, units, digits) => (units === 's' && typeof value === 'number') ? seconds(value) : (units ? `${say(value, digits)} ${unit(units)}` : say(value, digits));
+
+function seconds(value) {
+  if (value === null || value === undefined || Number.isNaN(value)) return '–';
+  if (value === 0) return '0 s';
+  if (value < 1e-3) return `${say(value * 1e6, 3)} µs`;
+  if (value < 1) return `${say(value * 1e3, 3)} ms`;
+  if (value < 120) return `${say(value, 3)} s`;
+  return value < 7200 ? `${say(value / 60, 3)} min` : `${say(value / 3600, 3)} h`;
+}
+
+const bytesOf = (value) => (value >= 1e6 ? `${say(value / 1e6, 3)} MB` : `${say(value / 1e3, 3)} kB`);
+const count = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, ' ');
+const plural = (number, one, many) => `${count(number)} ${number === 1 ? one : many || `${one}s`}`;
+const SPELT = { mtf: 'MTF', snr: 'SNR', iso: 'ISO', qe: 'QE', adc: 'ADC', esfr: 'e-SFR', rgb: 'RGB', xyz: 'XYZ', dr: 'dynamic range', emva: 'EMVA', elgamal: '(El Gamal)', dsnu: 'DSNU', prnu: 'PRNU', mtf50: 'MTF50', mtf10: 'MTF10', neq: 'NEQ', effective: 'effective MTF50', nyquist: 'Nyquist', airy: 'Airy', rayleigh: 'Rayleigh', sparrow: 'Sparrow', lms: 'LMS' };
+const named = (name) => name.replace(/_lp_mm$/, '').split('_').map((word) => SPELT[word] || word).join(' ');
+
+function axisValue(axis, index) {
+  const value = axis.values[index];
+  if (axis.text) return String(value);
+  if (axis.key === 'f_number') return `f/${say(value, 3)}`;
+  return axis.units === 's' ? seconds(value) : withUnit(value, axis.units, 4);
+}
+
+// ---- where the sliders stand
+
+const state = { doc: null, at: {}, told: new Set(), waiting: false };
+
+function tell() {
+  if (state.waiting) return;
+  state.waiting = true;
+  requestAnimationFrame(() => { state.waiting = false; for (const one of [...state.told]) one(); });
+}
+function follow(draw) { state.told.add(draw); draw(); }
+function move(places) {
+  let moved = false;
+  for (const [dim, place] of Object.entries(places)) if (state.at[dim] !== place) { state.at[dim] = place; moved = true; }
+  if (moved) tell();
+}
+const axisOf = (dim) => state.doc.axes.find((axis) => axis.dim === dim);
+const where = (dims, at = state.at) => dims.map((dim) => axisOf(dim)).filter(Boolean).map((axis) => `${axis.label} ${axisValue(axis, at[axis.dim])}`).join(', ');
+
+// ---- figures
+
+class Figure {
+  constructor(said, bytes) {
+    Object.assign(this, said);
+    this.values = column(bytes, said.data);
+    this.shape = [...said.axes.map((dim) => axisOf(dim).values.length), ...said.dims.map((dim) => dim.size)];
+    this.steps = this.shape.map((_, i) => this.shape.slice(i + 1).reduce((a, b) => a * b, 1));
+    this.inner = said.dims.reduce((a, dim) => a * dim.size, 1);
+    for (const dim of said.dims) for (const one of dim.coordinates) if (one.data) one.values = column(bytes, one.data);
+    this.id = `${said.stage}.${said.variable}`;
+  }
+  offset(at) { return sum(this.axes.map((dim, i) => (at[dim] || 0) * this.steps[i])); }
+  value(at, inner = 0) { return this.values[this.offset(at) + inner]; }
+  words(value) { return this.meanings.length && this.meanings[value] ? named(this.meanings[value]) : withUnit(value, this.units); }
+}
+
+// One number a cell: a figure, or one of its labels ("mtf50 behind pixel").
+function scalarsOf(figure) {
+  if (!figure.dims.length) return [{ figure, inner: 0, id: figure.id, name: named(figure.variable), of: '' }];
+  const labelled = figure.dims.every((dim) => dim.coordinates[0].labels && !dim.coordinates[0].axes.length) && figure.inner <= 16;
+  if (!labelled) return [];
+  return Array.from({ length: figure.inner }, (_, inner) => {
+    let rest = inner;
+    const parts = [...figure.dims].reverse().map((dim) => { const i = rest % dim.size; rest = Math.floor(rest / dim.size); return dim.coordinates[0].labels[i]; }).reverse();
+    return { figure, inner, id: `${figure.id}[${parts.join(',')}]`, name: `${named(figure.variable)} · ${parts.join(', ')}`, of: parts.join(', ') };
+  });
+}
+
+function rangeOf(scalar) {
+  if (scalar.range) return scalar.range;
+  const { figure, inner } = scalar;
+  let low = Infinity, high = -Infinity, known = 0, total = 0;
+  for (let i = inner; i < figure.values.length; i += figure.inner) {
+    const v = figure.values[i];
+    if (Number.isFinite(v)) { known++; total += v; if (v < low) low = v; if (v > high) high = v; }
+  }
+  scalar.range = { low, high, known, mean: total / known, varies: high > low };
+  return scalar.range;
+}
+
+// ---- files
+
+function download(name, text) {
+  const link = el('a', { href: URL.createObjectURL(new Blob([text], { type: 'text/csv;charset=utf-8' })), download: name });
+  document.body.append(link); link.click(); link.remove();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+function csvField(value) {
+  if (value === null || value === undefined || Number.isNaN(value)) return '';
+  if (typeof value === 'number') return String(value);
+  let text = Array.isArray(value) ? value.join(' ') : String(value);
+  if (/^[=+\-@\t\r]/.test(text)) text = `'${text}`; // a spreadsheet would take it for a formula
+  return /[",\n\r;]/.test(text) ? `"${text.replace(/"/g, '""')}"` : text;
+}
+const csv = (rows) => rows.map((row) => row.map(csvField).join(',')).join('\r\n') + '\r\n';
+const csvButton = (label, name, rows) => el('button', { type: 'button', class: 'quiet csv', 'data-csv': name, onclick: () => download(`${state.doc.archive}-${name}.csv`, csv(rows())) }, `↓ ${label}`);

@@ -1,0 +1,215 @@
+// The sweep explored: the chosen cell's picture and figures, maps, curves, trade-offs.
+
+const FIRST = ['mtf50_lp_mm', 'effective_lp_mm', 'edge_effective_lp_mm', 'dr_elgamal', 'mean_snr', 'snr_18', 'clipped_fraction', 'gamut_clipped', 'fit_residual', 'airy_diameter'];
+const LESS = /error|residual|clipped|black_fraction|floored|noise|aliasing|rayleigh|sparrow|airy|dark|missed|alarms|condition|saturated|seconds|diameter|limit$/;
+const moreIsBetter = (scalar) => !LESS.test(scalar.figure.variable);
+
+const rank = (scalar) => { const i = FIRST.indexOf(scalar.figure.variable); return i < 0 ? FIRST.length : i; };
+const options = (scalars) => scalars.map((s) => ({ value: s.id, name: `${s.name}${s.figure.units ? ` (${unit(s.figure.units)})` : ''}`, group: `${named(s.figure.stage)}` }));
+const dotsOf = (scalar) => `${scalar.figure.label}${scalar.of ? `, ${scalar.of}` : ''}`;
+const axisLabel = (scalar) => `${scalar.name}${scalar.figure.units ? ` (${unit(scalar.figure.units)})` : ''}`;
+
+// The first by rank: each variable once, or, `apart`, each stage once.
+function best(scalars, n, apart = false, varying = true) {
+  const seen = new Set(), found = [];
+  for (const s of [...scalars].sort((a, b) => rank(a) - rank(b) || b.inner - a.inner)) {
+    const key = apart ? s.figure.stage : s.figure.variable;
+    if (seen.has(key) || !rangeOf(s).known || (varying && !rangeOf(s).varies) || s.figure.meanings.length) continue;
+    seen.add(key); found.push(s);
+    if (found.length === n) break;
+  }
+  return found;
+}
+
+// ---- the chosen cell
+
+function cellPart(doc, scalars) {
+  const series = (doc.pictures.series || []).filter((one) => Object.keys(one.pictures).length);
+  const plain = scalars.filter((s) => rank(s) < FIRST.length || !s.figure.dims.length), varying = best(plain, 8), headline = varying.length ? varying : best(plain, 8, false, false);
+  const numbers = el('dl', { class: 'big' });
+  follow(() => clear(numbers, headline.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, s.name), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner)), el('div', { class: 'soft' }, s.figure.label))))));
+  const content = [];
+  if (series.length && !doc.live) {
+    const places = doc.pictures.places, dims = doc.axes.map((a) => a.dim), spans = doc.axes.map((a) => Math.max(1, a.values.length - 1));
+    let shown = 0;
+    const picture = el('img', { alt: 'the chosen cell' }), tile = el('div', { class: 'tile large' }, picture), below = el('figcaption', {}), tabs = el('div', { class: 'tabs', role: 'tablist' });
+    series.forEach((one, i) => tabs.append(el('button', { type: 'button', role: 'tab', onclick: () => { shown = i; draw(); } }, `${named(one.stage)}`)));
+    const draw = () => {
+      const one = series[shown];
+      [...tabs.children].forEach((tab, i) => tab.setAttribute('aria-selected', i === shown));
+      let near = null, least = Infinity;
+      for (const place of places) {
+        if (!one.pictures[one.axes.map((dim) => place[dims.indexOf(dim)]).join(',')]) continue;
+        const away = sum(one.axes.map((dim) => { const k = dims.indexOf(dim); return Math.abs(place[k] - state.at[dim]) / spans[k]; }));
+        if (away < least) { least = away; near = place; }
+      }
+      const at = Object.fromEntries(dims.map((dim, k) => [dim, near[k]])), exact = one.axes.every((dim) => at[dim] === state.at[dim]);
+      const key = one.axes.map((dim) => at[dim]).join(','), size = one.sizes[key];
+      tile.style.aspectRatio = `${size[0]} / ${size[1]}`;
+      picture.src = `data:image/webp;base64,${one.pictures[key]}`;
+      picture.alt = `${one.variable} behind ${one.stage} at ${where(one.axes, at)}`;
+      clear(below, el('strong', {}, `${named(one.variable)}, ${size[0]} × ${size[1]}`), exact ? el('span', {}, one.axes.length ? ` at ${where(one.axes, at)}` : '') : el('span', { class: 'near' }, ` nearest picture: ${where(one.axes, at)}`), el('span', { class: 'soft' }, ` ${one.how}${one.scaled ? ', brightness of each picture its own' : ''}`));
+    };
+    follow(draw);
+    content.push(el('div', { class: 'beside' }, el('figure', { class: 'shown' }, tabs, tile, below), headline.length ? el('div', {}, el('h3', {}, 'Figures of this cell'), numbers) : null));
+    const n = sum(series.map((one) => Object.keys(one.pictures).length));
+    content.push(el('p', { class: 'note' }, `${doc.axes.length ? `Pictures of ${plural(places.length, 'chosen cell')} (corners, middle and places between on the axes)` : 'Pictures of the cell'}, ${n} in all, ${bytesOf(doc.pictures.bytes)}, at most 256 × 256 samples${doc.axes.length ? '; where there is none the nearest is shown and named. Figures are of every cell' : ''}.${doc.pictures.left_out.length ? ` Left out for size: ${doc.pictures.left_out.join(', ')}.` : ''} Every pixel: etendue view ${doc.archive}.`));
+  } else content.push(el('h3', {}, 'Figures of this cell'), numbers);
+  if (!headline.length && !series.length) return null;
+  return section('cell', doc.axes.length ? 'One exposure of the sweep' : 'The exposure', doc.axes.length ? 'The sliders choose it; everything below follows them.' : '', card(...content));
+}
+
+// ---- maps and lines over the axes
+
+function mapPart(doc, scalars) {
+  const able = scalars.filter((s) => s.figure.axes.some((dim) => axisOf(dim).values.length > 1) && rangeOf(s).known);
+  if (!able.length) return null;
+  let scalar = best(able, 1)[0] || able[0], across = null, down = null, log = false;
+  const map = el('div', { class: 'plot', id: 'map' }), curve = el('div', { class: 'plot', id: 'lines' }), controls = el('div', { class: 'controls' }), title = el('h3', {}), meaning = el('p', { class: 'note' });
+  const dims = () => scalar.figure.axes.filter((dim) => axisOf(dim).values.length > 1);
+  const fit = () => { const own = dims(); if (!own.includes(across)) across = own.reduce((a, b) => (axisOf(b).values.length > 3 * axisOf(a).values.length ? b : a)); if (down === across || !own.includes(down)) down = own.find((dim) => dim !== across) || null; };
+  const drawControls = () => {
+    fit();
+    const own = dims().map((dim) => ({ value: dim, name: axisOf(dim).label }));
+    const again = () => { drawControls(); map.redraw(); curve.redraw(); };
+    clear(controls, field('Figure', choice(options(able), scalar.id, (id) => { scalar = able.find((s) => s.id === id); again(); }, 'figure')),
+      own.length > 1 ? field('Across', choice(own, across, (dim) => { if (dim === down) down = across; across = dim; again(); }, 'across')) : null,
+      own.length > 1 ? field('Up', choice(own, down, (dim) => { if (dim === across) across = down; down = dim; again(); }, 'up')) : null,
+      rangeOf(scalar).low > 0 && rangeOf(scalar).high / rangeOf(scalar).low > 5 && !scalar.figure.meanings.length ? tick('logarithmic', log, (on) => { log = on; map.redraw(); curve.redraw(); }) : null);
+    clear(title, axisLabel(scalar));
+    clear(meaning, `${dotsOf(scalar)}; from the stage “${named(scalar.figure.stage)}”.`);
+  };
+  const value = (places) => { const v = scalar.figure.value({ ...state.at, ...places }, scalar.inner); return v; };
+  sized(map, (width) => {
+    fit();
+    const a = axisOf(across), b = down && axisOf(down), rest = scalar.figure.axes.filter((dim) => dim !== across && dim !== down && axisOf(dim).values.length > 1);
+    heatMap(map, width, { across: a, down: b, value: (i, j) => value({ [across]: i, ...(b ? { [down]: j } : {}) }), units: scalar.figure.units, meanings: scalar.figure.meanings, log: log && rangeOf(scalar).low > 0, at: [state.at[across], b ? state.at[down] : 0], label: axisLabel(scalar), pick: (i, j) => move({ [across]: i, ...(b ? { [down]: j } : {}) }) });
+    if (rest.length) map.append(el('p', { class: 'note' }, `At ${where(rest)}: move the slider to see the other planes.`));
+  });
+  sized(curve, (width) => {
+    fit();
+    const a = axisOf(across), b = down && axisOf(down), shown = b ? spread(b.values.length, 8) : [0], names = a.text;
+    if (b && !shown.includes(state.at[down])) shown[nearestOf(shown, state.at[down])] = state.at[down];
+    const series = shown.map((j) => ({ name: b ? axisValue(b, j) : '', colour: b ? ramp(shown.indexOf(j), shown.length) : colour(0), faint: b && j !== state.at[down], points: a.values.map((v, i) => [names ? i : v, value({ [across]: i, ...(b ? { [down]: j } : {}) })]) }));
+    const wide = !names && a.values[0] > 0 && a.values[a.values.length - 1] / a.values[0] >= 8;
+    lines(curve, width, { x: names ? { names: a.values.map(String), label: a.label } : { range: extent(a.values, wide), log: wide, label: `${a.label}${a.units ? ` (${unit(a.units)})` : ''}` }, y: { range: extent(series.flatMap((s) => s.points.map((p) => p[1])), log && rangeOf(scalar).low > 0, true), log: log && rangeOf(scalar).low > 0, label: axisLabel(scalar) }, series, say: (one, x, v) => `${withUnit(v, scalar.figure.units)} at ${a.label} ${names ? a.values[x] : axisValue(a, a.values.indexOf(x))}${b ? `, ${b.label} ${one.name}` : ''}` });
+    if (b) curve.prepend(el('p', { class: 'note over' }, `Lines: ${b.label}${shown.length < b.values.length ? ` (${shown.length} of ${b.values.length})` : ''}`));
+  });
+  drawControls();
+  state.told.add(() => { map.redraw(); curve.redraw(); });
+  return section('maps', 'Over the axes', 'How any figure changes with what was swept. Click a cell of the map, or move it with the arrow keys, to go there.', card(controls, title, meaning, map, curve));
+}
+
+const spread = (n, most) => (n <= most ? Array.from({ length: n }, (_, i) => i) : Array.from({ length: most }, (_, i) => Math.round((i * (n - 1)) / (most - 1))));
+const nearestOf = (list, value) => list.reduce((b, v, i) => (Math.abs(v - value) < Math.abs(list[b] - value) ? i : b), 0);
+const isDark = () => getComputedStyle(document.documentElement).colorScheme === 'dark';
+const ramp = (i, n) => `rgb(${shade((isDark() ? 0.34 : 0.04) + ((isDark() ? 0.66 : 0.8) * i) / Math.max(1, n - 1)).join(',')})`;
+
+// ---- functions: what has a dim of its own
+
+function curvesPart(doc, figures) {
+  const able = figures.filter((f) => f.dims.length && f.inner > 1 && f.dims[f.dims.length - 1].size > 1 && f.values.some(Number.isFinite));
+  if (!able.length) return null;
+  const numeric = (f) => !f.dims[f.dims.length - 1].coordinates[0].labels;
+  able.sort((a, b) => score(b) - score(a));
+  function score(f) { return (/mtf|esfr|sfr/.test(f.variable) ? 4 : 0) + (numeric(f) ? 2 : 0) + (/^mtf50/.test(f.variable) ? -1 : 0); }
+  let figure = able[0], against = 0;
+  const plot = el('div', { class: 'plot', id: 'curves' }), controls = el('div', { class: 'controls' }), meaning = el('p', { class: 'note' });
+  const coordinates = () => figure.dims[figure.dims.length - 1].coordinates;
+  const drawControls = () => {
+    const again = () => { drawControls(); plot.redraw(); };
+    clear(controls, field('Function', choice(able.map((f) => ({ value: f.id, name: `${named(f.variable)}${f.units ? ` (${unit(f.units)})` : ''}`, group: named(f.stage) })), figure.id, (id) => { figure = able.find((f) => f.id === id); against = 0; again(); }, 'function')),
+      coordinates().length > 1 ? field('Against', choice(coordinates().map((c, i) => ({ value: i, name: `${named(c.name)}${c.units ? ` (${unit(c.units)})` : ''}` })), against, (i) => { against = Number(i); plot.redraw(); }, 'against')) : null);
+    clear(meaning, `${figure.label}; from the stage “${named(figure.stage)}”.`);
+  };
+  sized(plot, (width) => drawCurves(plot, width, figure, against, doc));
+  drawControls();
+  state.told.add(() => plot.redraw());
+  return section('curves', 'Curves', 'Whole functions of the chosen cell: by stage, by channel, over frequency or wavelength.', card(controls, meaning, plot));
+}
+
+function drawCurves(plot, width, figure, against, doc, height = 340) {
+  const last = figure.dims[figure.dims.length - 1], along = last.coordinates[against] || last.coordinates[0], rows = figure.inner / last.size;
+  const others = figure.dims.slice(0, -1), at = state.at, start = figure.offset(at);
+  const offset = along.axes.reduce((a, dim) => a * axisOf(dim).values.length + (at[dim] || 0), 0) * last.size;
+  const xs = along.labels ? along.labels.slice(offset, offset + last.size) : Array.from(along.values.subarray(offset, offset + last.size));
+  const names = Array.from({ length: Math.min(rows, 16) }, (_, k) => { let rest = k; return [...others].reverse().map((dim) => { const i = rest % dim.size; rest = Math.floor(rest / dim.size); const c = dim.coordinates[0]; return c.labels ? c.labels[i] : withUnit(c.values[i], c.units); }).reverse().join(', '); });
+  const channels = { R: '#d1453b', G: '#2e9e5b', B: '#3d74d6' };
+  const series = names.map((name, k) => ({ name, colour: channels[name] || colour(k), points: xs.map((x, i) => [along.labels ? i : x, figure.values[start + k * last.size + i]]) }));
+  const marks = along.labels ? [] : nyquistOf(last, xs);
+  const all = series.flatMap((s) => s.points.map((p) => p[1]));
+  const shares = figure.units === '' && all.every((v) => !(v < -0.02 || v > 1.3));
+  lines(plot, width, { height, x: along.labels ? { names: xs, label: named(along.name) } : { range: extent(xs), label: `${along.label}${along.units ? ` (${unit(along.units)})` : ''}` }, y: { range: shares ? [Math.min(0, ...all.filter(Number.isFinite)), Math.max(1, ...all.filter(Number.isFinite)) * 1.02] : extent(all, false, true), label: `${named(figure.variable)}${figure.units ? ` (${unit(figure.units)})` : ''}` }, series, marks, points: Boolean(along.labels) });
+  if (rows > 16) plot.append(el('p', { class: 'note' }, `The first 16 of ${rows} curves.`));
+}
+
+// Where half a cycle a pixel lies, whatever the frequency is told in.
+function nyquistOf(dim, xs) {
+  const own = dim.coordinates.find((c) => !c.labels && !c.axes.length && /pixel/.test(c.units));
+  const i = own ? Array.from(own.values).findIndex((v, k) => k > 0 && v >= 0.5) : -1;
+  if (i < 1) return [];
+  const share = (0.5 - own.values[i - 1]) / (own.values[i] - own.values[i - 1]);
+  return [{ x: xs[i - 1] + share * (xs[i] - xs[i - 1]), label: 'Nyquist' }];
+}
+
+// ---- trade-offs
+
+// Two figures worth trading: the first by rank, and that of another stage with which it has the longest front.
+function opposed(able) {
+  const [x, ...others] = best(able, 6, true);
+  if (!others.length) { const two = best(able, 2); return { x: two[0], y: two[1] || able.find((s) => s !== two[0]) }; }
+  const length = (y) => {
+    const dims = state.doc.axes.map((a) => a.dim).filter((dim) => x.figure.axes.includes(dim) || y.figure.axes.includes(dim)), sizes = dims.map((dim) => axisOf(dim).values.length), total = Math.min(20000, sizes.reduce((a, b) => a * b, 1)), xs = [], ys = [], at = {};
+    for (let n = 0; n < total; n++) {
+      let rest = n;
+      for (let k = dims.length - 1; k >= 0; k--) { at[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); }
+      xs.push(x.figure.value(at, x.inner)); ys.push(y.figure.value(at, y.inner));
+    }
+    return paretoFront(xs, ys, moreIsBetter(x), moreIsBetter(y)).length;
+  };
+  const lengths = others.map(length);
+  return { x, y: others[lengths.indexOf(Math.max(...lengths))] };
+}
+
+function tradePart(doc, scalars) {
+  const able = scalars.filter((s) => rangeOf(s).varies && !s.figure.meanings.length);
+  if (able.length < 2) return null;
+  const chosen = opposed(able);
+  let [moreX, moreY] = [moreIsBetter(chosen.x), moreIsBetter(chosen.y)], logX = false, logY = false, current = null;
+  const plot = el('div', { class: 'plot', id: 'trade' }), controls = el('div', { class: 'controls' }), table = el('div', {});
+  const collect = () => {
+    const dims = doc.axes.map((a) => a.dim).filter((dim) => chosen.x.figure.axes.includes(dim) || chosen.y.figure.axes.includes(dim)), sizes = dims.map((dim) => axisOf(dim).values.length), total = sizes.reduce((a, b) => a * b, 1);
+    const xs = [], ys = [], places = [], at = {};
+    for (let n = 0; n < total; n++) {
+      let rest = n;
+      for (let k = dims.length - 1; k >= 0; k--) { at[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); }
+      const x = chosen.x.figure.value(at, chosen.x.inner), y = chosen.y.figure.value(at, chosen.y.inner);
+      if (Number.isFinite(x) && Number.isFinite(y) && (!logX || x > 0) && (!logY || y > 0)) { xs.push(x); ys.push(y); places.push(n); }
+    }
+    const place = (i) => { let rest = places[i]; const found = {}; for (let k = dims.length - 1; k >= 0; k--) { found[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); } return found; };
+    const number = (where) => dims.reduce((a, dim, k) => a * sizes[k] + where[dim], 0);
+    const index = new Map(places.map((n, i) => [n, i]));
+    current = { dims, xs, ys, place, front: paretoFront(xs, ys, moreX, moreY), here: () => index.get(number(state.at)) ?? -1 };
+  };
+  sized(plot, (width) => {
+    const { dims, xs, ys, place, front, here } = current;
+    const saying = (i) => (i < 0 ? 'Point at a dot; click to go there.' : `${withUnit(xs[i], chosen.x.figure.units)} · ${withUnit(ys[i], chosen.y.figure.units)} at ${where(dims, place(i))}`);
+    scatter(plot, width, { x: { range: extent(xs, logX), log: logX, label: `${axisLabel(chosen.x)}, ${moreX ? 'more is better →' : '← less is better'}` }, y: { range: extent(ys, logY), log: logY, label: `${moreY ? '↑ more' : '↓ less'} is better: ${axisLabel(chosen.y)}` }, points: { x: xs, y: ys }, front, here: here(), pick: (i) => move(place(i)), saying });
+  });
+  const drawTable = () => {
+    const { dims, xs, ys, place, front } = current, shown = front.slice(0, 12);
+    clear(table, front.length ? tableOf(['', ...dims.map((dim) => axisOf(dim).label), axisLabel(chosen.x), axisLabel(chosen.y)], shown.map((i, k) => [String(k + 1), ...dims.map((dim) => axisValue(axisOf(dim), place(i)[dim])), say(xs[i]), say(ys[i])]), 1 + dims.length) : null,
+      el('p', { class: 'note' }, `${plural(front.length, 'cell')} of ${count(xs.length)} on the front: nothing else is at least as good in both. ${front.length > 12 ? 'The first 12. ' : ''}`, csvButton('front as CSV', 'front', () => [[...dims, chosen.x.id, chosen.y.id], ...front.map((i) => [...dims.map((dim) => axisOf(dim).values[place(i)[dim]]), xs[i], ys[i]])])));
+  };
+  const again = () => { collect(); drawControls(); plot.redraw(); drawTable(); };
+  const able2 = options(able);
+  function drawControls() {
+    const positive = (s) => rangeOf(s).low > 0;
+    clear(controls, el('div', { class: 'controls inner' }, field('Across', choice(able2, chosen.x.id, (id) => { chosen.x = able.find((s) => s.id === id); moreX = moreIsBetter(chosen.x); logX = logX && positive(chosen.x); again(); }, 'across')), tick('more is better', moreX, (on) => { moreX = on; again(); }), positive(chosen.x) ? tick('log', logX, (on) => { logX = on; again(); }) : null),
+      el('div', { class: 'controls inner' }, field('Up', choice(able2, chosen.y.id, (id) => { chosen.y = able.find((s) => s.id === id); moreY = moreIsBetter(chosen.y); logY = logY && positive(chosen.y); again(); }, 'up')), tick('more is better', moreY, (on) => { moreY = on; again(); }), positive(chosen.y) ? tick('log', logY, (on) => { logY = on; again(); }) : null));
+  }
+  again();
+  let seen = state.bytes;
+  state.told.add(() => { if (seen !== state.bytes) { seen = state.bytes; collect(); drawTable(); } plot.redraw(); });
+  return section('trade', 'Trade-offs', 'A dot per cell. The line joins those that nothing else beats in both figures, the Pareto front.', card(controls, plot, table));
+}

@@ -1,0 +1,125 @@
+// What is told in tables: all figures, noise and colour, error against run time, what was left out, failures.
+
+function tableOf(head, rows, numbersFrom = 1, empty = 'Nothing.') {
+  if (!rows.length) return el('p', { class: 'note' }, empty);
+  return el('div', { class: 'scroll', tabindex: 0, role: 'region' }, el('table', {}, el('thead', {}, el('tr', {}, head.map((h, i) => el('th', { scope: 'col', class: i >= numbersFrom ? 'number' : '' }, h)))), el('tbody', {}, rows.map((row) => el('tr', {}, row.map((v, i) => el('td', { class: i >= numbersFrom ? 'number' : '' }, v)))))));
+}
+
+// ---- every figure
+
+const NOISE = /snr|noise|dr_|dynamic|dark|system_gain|well|clipped|black_fraction|saturat|iso|exposure|illuminance/, COLOUR = /colour|white|fit_|gamut|cones|directions|balance|delta_e|ciede/;
+const themeOf = (s) => (COLOUR.test(s.figure.variable) ? 'colour' : NOISE.test(s.figure.variable) ? 'noise' : '');
+
+function figureRows(scalars) {
+  return scalars.map((s) => {
+    const r = rangeOf(s), value = s.figure.value(state.at, s.inner), words = (v) => (s.figure.meanings.length ? s.figure.words(v) : say(v));
+    return [el('span', { title: dotsOf(s) }, s.name), named(s.figure.stage), words(value), r.known ? words(r.low) : '–', r.known && !s.figure.meanings.length ? say(r.mean) : '–', r.known ? words(r.high) : '–', unit(s.figure.units)];
+  });
+}
+const figureTable = (scalars) => {
+  const one = !state.doc.axes.length, short = (row) => (one ? [row[0], row[1], row[2], row[6]] : row);
+  return tableOf(short(['figure', 'stage', one ? 'value' : 'here', 'least', 'mean', 'most', 'unit']), figureRows(scalars).map(short), 2);
+};
+
+function themePart(doc, scalars) {
+  const kinds = [['noise', 'Noise and exposure'], ['colour', 'Colour']].map(([key, title]) => [title, scalars.filter((s) => themeOf(s) === key && rangeOf(s).known)]).filter(([, own]) => own.length);
+  if (!kinds.length) return null;
+  return section('noise', 'Noise and colour', doc.axes.length ? 'Of the chosen cell, and over all of them.' : '', ...kinds.map(([title, own]) => {
+    const host = el('div', {});
+    follow(() => clear(host, figureTable(own)));
+    return card(el('h3', {}, title), host);
+  }));
+}
+
+function allPart(doc, scalars, figures) {
+  const host = el('div', {}), known = scalars.filter((s) => rangeOf(s).known);
+  const details = el('details', { class: 'inner', ontoggle: () => draw() }, el('summary', {}, `All ${known.length} figures of the chosen cell`), host);
+  const draw = () => { if (details.open) clear(host, figureTable(known)); };
+  state.told.add(draw);
+  const sets = new Map();
+  for (const s of scalars) { const key = s.figure.axes.join(' × '); if (!sets.has(key)) sets.set(key, []); sets.get(key).push(s); }
+  const rowsOf = (own) => {
+    const dims = own[0].figure.axes, sizes = dims.map((dim) => axisOf(dim).values.length), total = sizes.reduce((a, b) => a * b, 1), rows = [[...dims.map((dim) => { const a = axisOf(dim); return a.units ? `${dim} [${a.units}]` : dim; }), ...own.map((s) => (s.figure.units ? `${s.id} [${s.figure.units}]` : s.id))]];
+    for (let n = 0; n < total; n++) {
+      let rest = n; const at = {};
+      for (let k = dims.length - 1; k >= 0; k--) { at[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); }
+      rows.push([...dims.map((dim) => axisOf(dim).values[at[dim]]), ...own.map((s) => s.figure.value(at, s.inner))]);
+    }
+    return rows;
+  };
+  const files = [...sets].map(([key, own]) => csvButton(`${key ? key.replace(/_/g, ' ') : 'without axes'} (${plural(own.length, 'figure')})`, `figures-${key.replace(/ × /g, '-') || 'all'}`, () => rowsOf(own)));
+  const curves = figures.filter((f) => f.dims.length && !scalarsOf(f).length).map((f) => csvButton(named(f.variable), `${f.stage}-${f.variable}`, () => curveRows(f)));
+  const cells = doc.cells.rows && doc.cells.columns.stage ? csvButton(`all ${count(doc.cells.rows)} cells: seconds, errors`, 'cells', () => cellRows(doc)) : null;
+  const omitted = doc.omitted.length ? el('p', { class: 'note' }, `Too large for a page: ${doc.omitted.map((o) => `${o.stage}.${o.variable} (${o.why})`).join('; ')}.`) : null;
+  if (!scalars.length && !cells) return null;
+  return section('figures', 'All figures, as files', 'Every number of the archive that is no picture. The CSV files are made from this page, offline.',
+    card(el('h3', {}, 'CSV files'), el('div', { class: 'files' }, files, curves, csvButton('stages', 'stages', () => stageTable(doc)), cells), omitted, known.length ? details : null));
+}
+
+function curveRows(f) {
+  const dims = [...f.axes, ...f.dims.map((d) => d.name)], rows = [[...dims, `${f.id} [${f.units || '1'}]`]], shape = f.shape, total = f.values.length;
+  for (let n = 0; n < total; n++) {
+    let rest = n; const at = [];
+    for (let k = shape.length - 1; k >= 0; k--) { at[k] = rest % shape[k]; rest = Math.floor(rest / shape[k]); }
+    const labels = at.map((i, k) => { if (k < f.axes.length) return axisOf(f.axes[k]).values[i]; const c = f.dims[k - f.axes.length].coordinates[0]; return c.labels ? c.labels[i] : c.axes.length ? i : c.values[i]; });
+    rows.push([...labels, f.values[n]]);
+  }
+  return rows;
+}
+
+const STAGE_HEAD = ['stage', 'use', 'axes', 'cells', 'done', 'left_out', 'failed', 'skipped', 'seconds', 'error_least', 'error', 'how', 'bound'];
+const stageTable = (doc) => [STAGE_HEAD, ...doc.stages.map((s) => STAGE_HEAD.map((key) => (key === 'stage' ? s.name : s[key])))];
+
+function cellRows(doc) {
+  const { columns, at, rows } = doc.cells, names = Object.keys(columns), dims = Object.keys(at), bytes = state.bytes;
+  const own = names.map((name) => ({ words: columns[name].words, values: column(bytes, columns[name]) })), places = dims.map((dim) => column(bytes, at[dim]));
+  const found = [[...dims, ...names]];
+  for (let i = 0; i < rows; i++) found.push([...places.map((p, k) => axisOf(dims[k]).values[p[i]] ?? ''), ...own.map((c) => (c.words ? c.words[c.values[i]] : c.values[i]))]);
+  return found;
+}
+
+// ---- error against run time
+
+function errorPart(doc) {
+  const total = sum(doc.stages.map((s) => s.seconds || 0)) || 1, host = el('div', { class: 'plot' });
+  const rows = doc.stages.map((s) => [`${s.order} ${named(s.name)}`, count(s.done + s.left_out), seconds(s.seconds), `${say((100 * (s.seconds || 0)) / total, 2)} %`, s.error_least !== null && s.error_least !== s.error ? `${say(s.error_least, 2)} … ${say(s.error, 2)}` : say(s.error, 2), s.how.join(', '), say(s.bound || null, 2)]);
+  const dots = doc.stages.filter((s) => s.error > 0 && s.seconds > 0);
+  if (dots.length > 1) {
+    sized(host, (width) => {
+      const xs = dots.map((s) => s.seconds), ys = dots.map((s) => s.error), x = { range: extent(xs, true), log: true, label: 'run time of the stage over all cells (s)' }, y = { range: extent(ys, true), log: true, label: 'largest stated error, relative to full scale' };
+      scatter(host, width, { height: 340, x, y, points: { x: xs, y: ys }, front: [], here: -1, pick: () => {}, saying: (i) => (i < 0 ? 'Point at a dot for its stage.' : `${named(dots[i].name)}: error ${say(dots[i].error, 2)} (${dots[i].how.join(', ')}), ${seconds(dots[i].seconds)}`) });
+      const texts = svg('g', { class: 'ticks' }), root = host.querySelector('svg'), f = { sx: scaleOf(x, MARGIN.left, width - MARGIN.right), sy: scaleOf({ ...y, vertical: true }, 340 - MARGIN.bottom, MARGIN.top) }, taken = [];
+      for (const s of [...dots].sort((a, b) => b.seconds - a.seconds)) {
+        const name = named(s.name), px = f.sx.at(s.seconds), py = f.sy.at(s.error), end = px + name.length * 6.4 > width - 24, box = [end ? px - 8 - name.length * 6.4 : px + 8, py - 8, name.length * 6.4, 14];
+        if (taken.some((b) => b[0] < box[0] + box[2] && box[0] < b[0] + b[2] && b[1] < box[1] + box[3] && box[1] < b[1] + b[3])) continue;
+        taken.push(box);
+        texts.append(svg('text', { x: end ? px - 8 : px + 8, y: py + 4, 'text-anchor': end ? 'end' : 'start' }, name));
+      }
+      root.append(texts);
+    });
+    state.told.add(() => host.redraw());
+  }
+  const measured = doc.measured.length
+    ? card(el('h3', {}, 'Measured against the reference settings'), el('p', { class: 'note' }, 'The whole camera computed again with every knob at its reference, on sample cells; relative to full scale.'), tableOf(['variable', 'rms', 'largest', 'known by'], doc.measured.slice(0, 20).map((m) => [named(m.variable), say(m.rms, 2), say(m.max, 2), m.how]), 1))
+    : el('p', { class: 'note' }, `The error of the whole camera was not measured here: etendue run … --measure does, and this page then shows it.`);
+  return section('error', 'Error against run time', 'What each stage costs and how far it may be from its own exact result, relative to full scale; how that is known: proved by a bound, fitted to a law, or measured.',
+    card(dots.length > 1 ? host : null, tableOf(['stage', 'cells', 'run time', 'share', 'stated error', 'known by', 'added by leaving out'], rows, 1), el('p', { class: 'note' }, doc.ended ? 'Run time is time of threads, summed over cells.' : 'Errors are in the ledger, which is written when a run has ended.', csvButton('stages as CSV', 'stages', () => stageTable(doc)))),
+    measured);
+}
+
+// ---- left out, failed
+
+function omittedPart(doc) {
+  const rows = doc.omissions.map((o) => [named(o.stage), o.kind, o.why, `${count(o.cells)} of ${count(o.of)}`, o.bound === 0 ? 'nothing' : say(o.bound, 2), seconds(o.saved)]);
+  return section('omitted', 'What was left out, and why', 'The plan leaves out or makes coarser what the scene does not need, within the tolerance that was asked for.',
+    card(tableOf(['stage', '', 'why, or set to', 'cells', 'adds at most', 'saves about'], rows, 3, doc.ended ? 'Nothing was left out.' : 'Told when a run has ended.')));
+}
+
+function failedPart(doc) {
+  const { rows, skipped } = doc.failures;
+  const body = rows.length
+    ? rows.map((row) => el('div', { class: 'failure' }, el('h3', {}, `${named(row.stage)}: ${plural(row.cells, 'cell')}`), el('pre', {}, row.message || 'no message'), row.examples.length ? el('p', { class: 'note' }, `at ${row.examples.map((at) => Object.entries(at).map(([dim, v]) => { const axis = axisOf(dim), i = axis ? axis.values.indexOf(v) : -1; return axis && i >= 0 ? `${axis.label} ${axisValue(axis, i)}` : `${dim} ${say(v)}`; }).join(', ') || 'the only cell').join('; ')}${row.cells > row.examples.length ? '; …' : ''}`) : null))
+    : el('p', { class: 'fine' }, 'No cell failed.');
+  const damaged = doc.damaged.length ? el('div', { class: 'failure' }, el('h3', {}, `Damaged: ${plural(doc.damaged.length, 'array')}, not shown`), el('pre', {}, doc.damaged.slice(0, 20).join('\n')), el('p', { class: 'note' }, `Mend it: etendue verify ${doc.archive} --repair`)) : null;
+  return section('failed', 'Failures', '', card(damaged, body, skipped ? el('p', { class: 'note' }, `${plural(skipped, 'cell')} behind them ${skipped === 1 ? 'was' : 'were'} skipped.`) : null));
+}

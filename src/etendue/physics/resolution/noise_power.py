@@ -1,0 +1,109 @@
+"""Noise power spectra: what stages make of noise that is independent from pixel to pixel, and what periodograms find.
+
+In:  what a chain answers to one pixel at each place of the mosaic's cell, the variance there; or frames of noise.
+Out: cross power of channels at spatial frequencies (cycles/pixel), the picture's unit squared a pixel.
+Sources: linear propagation, power = sum over places of v |H|^2; Bartlett's mean of periodograms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+def spectra(responses: ArrayLike, sites: ArrayLike, fy: ArrayLike, fx: ArrayLike) -> ComplexArray:
+    """Fourier transforms of answers, each about the pixel that was stepped: (place, channel, m, n) at fy (m,), fx (n,).
+
+    Parameters
+    ----------
+    responses : (place, channel, y, x) array
+        The picture's answer to a unit step of one pixel, for each place of the cell.
+    sites : (place, 2) array
+        Where that pixel lies in the window, y and x.
+    fy, fx : arrays
+        Cycles/pixel.
+    """
+    h, at = np.asarray(responses, np.float64), np.asarray(sites, np.float64)
+    if h.ndim != 4 or at.shape != (h.shape[0], 2):
+        raise ValueError(f"responses has shape {h.shape} and sites {at.shape}; allowed are (place, channel, y, x) and (place, 2)")
+    down = np.exp(-2j * np.pi * np.asarray(fy, np.float64)[None, :, None] * (np.arange(h.shape[2]) - at[:, :1])[:, None, :])
+    right = np.exp(-2j * np.pi * np.asarray(fx, np.float64)[None, :, None] * (np.arange(h.shape[3]) - at[:, 1:])[:, None, :])
+    return np.asarray(np.einsum("pmy,pcyx,pnx->pcmn", down, h, right, optimize=True))
+
+
+def carried_power(answers: ArrayLike, variance: ArrayLike) -> ComplexArray:
+    """Cross power (channel, channel, m, n) of noise with these variances (place,), from `spectra`; the mean over the cell's places.
+
+    Its integral over the Nyquist square is the covariance of `noise_propagation.carried_covariance`.
+    """
+    h, v = np.asarray(answers), np.asarray(variance, np.float64)
+    if not np.all(v >= 0):
+        raise ValueError(f"variance is {v.tolist()}; allowed are numbers at or above 0")
+    return np.asarray(np.einsum("p,pcmn,pdmn->cdmn", v, h, h.conj()) / len(h))
+
+
+def carried_signal(answers: ArrayLike, signal: ArrayLike) -> ComplexArray:
+    """(channel, m, n): fine detail of relative contrast 1 behind the chain, from `spectra`.
+
+    ``signal`` is (place, m, n): the mean of the pixels at each place of the cell times the transfer function in front of them. What
+    the mosaic turns into other frequencies (aliases, colour fringes) is no part of it.
+    """
+    return np.asarray(np.einsum("pmn,pcmn->cmn", np.asarray(signal), np.asarray(answers)) / len(np.asarray(answers)))
+
+
+def periodograms(frames: ArrayLike, block: int) -> tuple[ComplexArray, int]:
+    """Mean cross power of frames of noise, and of how many periodograms.
+
+    Parameters
+    ----------
+    frames : (frame, channel, y, x) array
+        At least two frames of the same scene: their mean is taken off, which is signal and what all have in common, and the
+        power put right by frames / (frames - 1).
+    block : int, pixels
+        Side of the squares of which periodograms are taken, side by side, without a window. At least 2.
+
+    Returns
+    -------
+    (channel, channel, block, block) array
+        At ``numpy.fft.fftfreq(block)`` along y and x. The relative standard error of a power is 1 / sqrt(periodograms).
+    int
+        Periodograms behind each value that are independent: of one frame less than there are, which their mean has taken.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two frames, or a block larger than the frame.
+    """
+    noise = np.asarray(frames, np.float64)
+    if noise.ndim != 4 or noise.shape[0] < 2:
+        raise ValueError(f"frames has shape {noise.shape}; allowed is (frame, channel, y, x) with at least two frames")
+    count, channels, rows, columns = noise.shape
+    if not 2 <= block <= min(rows, columns):
+        raise ValueError(f"block is {block}; allowed are 2 to {min(rows, columns)} pixels")
+    mean = noise.mean(axis=0)
+    total, down, right = np.zeros((channels, channels, block, block), np.complex128), rows // block, columns // block
+    for frame in noise:
+        cut = (frame - mean)[:, : down * block, : right * block].reshape(channels, down, block, right, block)
+        found = np.fft.fft2(cut, axes=(2, 4))
+        total += np.einsum("caybx,daybx->cdyx", found, found.conj())
+    blocks = down * right
+    return total / ((count - 1) * blocks * block**2), (count - 1) * blocks
+
+
+def expected_periodogram(responses: ArrayLike, variance: ArrayLike, block: int) -> ComplexArray:
+    """What `periodograms` shows on average of carried noise: its power as a square of ``block`` pixels blurs it.
+
+    The covariance at each lag times the share of pixel pairs of that lag in the square (Bartlett's triangle); exact.
+    ``responses`` and ``variance`` as in `spectra` and `carried_power`. Returns (channel, channel, block, block).
+    """
+    h, v = np.asarray(responses, np.float64), np.asarray(variance, np.float64)
+    size = [2 * n for n in h.shape[-2:]]
+    found = np.fft.fft2(h, size)
+    covariance = np.fft.ifft2(np.einsum("p,pcyx,pdyx->cdyx", v, found, found.conj()) / len(h)).real
+    lags = [np.fft.fftfreq(n, 1 / n) for n in size]
+    share = [np.maximum(0.0, 1 - np.abs(lag) / block) for lag in lags]
+    waves = [np.exp(-2j * np.pi * np.outer(np.fft.fftfreq(block), lag)) * own for lag, own in zip(lags, share, strict=True)]
+    return np.asarray(np.einsum("my,cdyx,nx->cdmn", waves[0], covariance, waves[1], optimize=True))

@@ -1,0 +1,144 @@
+"""Which cells of large frames can be worked in strips, and what is held while they are.
+
+In:  a plan.
+Out: for a cell its frame and the rows around a row that it needs; bytes that a run holds at once.
+
+A cell goes in strips where its frame is large and its stage needs no more than a few rows around a row (``Haloed``, or ``elementwise``).
+Neighbours of one frame that do are worked together: what only they read is never whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from etendue.plan import cost
+from etendue.plan.model import Cell, Node, Plan
+from etendue.spec.capabilities import Banded, Probe, halo_of, is_source, is_transfer
+from etendue.spec.grid import Grid
+from etendue.spec.stage import reads_of
+
+LARGEST_WHOLE = 1 << 21  # pixels of a frame up to which cells are computed whole
+STRIP = 1 << 19  # pixels of a strip, about
+TILE = 64  # rows: strips end with the tiles of patterns that belong to the sensor
+HALOS = 16  # a strip has about so many times the rows of a halo: what is computed twice is an eighth
+
+Frame = tuple[int, int]
+
+
+@dataclass
+class Walker:
+    """A cell that may be computed in strips: the frame it is of, and the rows around a row that it needs."""
+
+    frame: Frame
+    halo: int
+
+
+def has_rows(dims: tuple[str, ...]) -> bool:
+    """Whether an array stands over the pixels of a frame."""
+    return dims[-2:] == ("y", "x")
+
+
+def is_large(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> bool:
+    """Whether a cell reads or writes a frame that is not to be whole."""
+    every = (*grids.values(), *input_grids.values())
+    return any("y" in grid and "x" in grid and grid["y"].size * grid["x"].size > LARGEST_WHOLE for grid in every)
+
+
+def by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
+    """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
+    if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
+        return ()
+    return tuple(v for v, d in node.writes.items() if cost.too_large(d, cell.grids[v], precision))
+
+
+def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
+    """What a cell of a large frame needs of it, where a few rows do."""
+    kind = type(cell.stage)
+    if plan.expected or cell.mapped or node.segment or not cell.inputs or by_band(node, cell, plan.precision):
+        return None
+    if is_transfer(kind) or is_source(kind) or issubclass(kind, Probe):
+        return None
+    if cell.looks_at and any(what != "transfer" for _, what, _ in node.looks_at):
+        return None
+    ports = reads_of(kind)
+    read = [(port, variable) for port, _, variable in cell.inputs if port in ports]
+    frames = {_frame(cell.input_grids[port], ports[port].dims) for port, _ in read if "y" in ports[port].dims}
+    frames |= {_frame(cell.grids[v], d.dims) for v, d in node.writes.items() if "y" in d.dims}
+    if len(frames) != 1 or None in frames or not any(has_rows(d.dims) for d in node.writes.values()):
+        return None
+    (frame,) = frames
+    if frame is None or frame[0] * frame[1] <= LARGEST_WHOLE:
+        return None
+    if cell.left_out is not None:
+        return Walker(frame, 0) if {variable for _, variable in read} >= set(node.writes) else None
+    halo = halo_of(cell.stage)
+    if halo is None or frame[0] < 2 * max(TILE, HALOS * halo):
+        return None
+    return Walker(frame, halo)
+
+
+def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:
+    return (grid["y"].size, grid["x"].size) if has_rows(dims) else None
+
+
+def rows_of(width: int, halos: list[int]) -> int:
+    """Rows of the strips of cells that go together."""
+    return max(STRIP // width, *(HALOS * halo for halo in halos), TILE) // TILE * TILE
+
+
+def peak_memory(plan: Plan, workers: int = 2) -> int:
+    """Bytes a run is expected to hold above the interpreter: the two largest of what each worker has under way, if there are as many.
+
+    Of cells worked in strips their strips, and whole what is kept of them, or read by others. Measured by
+    ``benchmarks/raw_to_colour.py``.
+    """
+    nodes = {node.name: node for node in plan.nodes}
+    largest: dict[str, Cell] = {}
+    memory: dict[str, int] = {}
+    for node in plan.nodes:
+        for cell, _ in cost.alike(plan.of(node.name)):
+            need = cost.cell_memory(node, cell, plan.precision)
+            if need > memory.get(node.name, -1):
+                largest[node.name], memory[node.name] = cell, need
+    walkers = {
+        name: found
+        for name, cell in largest.items()
+        if is_large(cell.grids, cell.input_grids) and (found := walker(plan, nodes[name], cell)) is not None
+    }
+    held: list[int] = []
+    for members in _together(largest, walkers):
+        own = sum(memory[name] for name in members) if members[0] not in walkers else _in_strips(plan, nodes, largest, walkers, members)
+        held += [own] * min(workers, max(len(plan.of(name)) for name in members))
+    return sum(sorted(held, reverse=True)[: 2 * workers])
+
+
+def _together(largest: Mapping[str, Cell], walkers: Mapping[str, Walker]) -> list[list[str]]:
+    """Stages whose cells are worked together: neighbours of one frame that go in strips; each other alone."""
+    home: dict[str, list[str]] = {}
+    for name, cell in largest.items():
+        own = home[name] = [name]
+        for _, (source, _), _ in cell.inputs if name in walkers else ():
+            if source in walkers and walkers[source].frame == walkers[name].frame and home[source] is not own:
+                own += home[source]
+                for other in home[source]:
+                    home[other] = own
+    return list({id(members): members for members in home.values()}.values())
+
+
+def _in_strips(
+    plan: Plan, nodes: Mapping[str, Node], largest: Mapping[str, Cell], walkers: Mapping[str, Walker], members: list[str]
+) -> int:  # fmt: skip
+    """Bytes held while some stages of a frame are worked together."""
+    inside, frame = set(members), walkers[members[0]].frame
+    outside = {(source, v) for name, cell in largest.items() if name not in inside for _, (source, _), v in cell.inputs}
+    share = min(rows_of(frame[1], [walkers[name].halo for name in members]) / frame[0], 1.0)
+    whole, strips = 0, 0.0
+    for name in members:
+        node, cell = nodes[name], largest[name]
+        asked = [v for v in node.writes if (name, v) in plan.kept or (name, v) in outside]
+        whole += cost.cell_bytes(node, cell, plan.precision, asked)
+        strips += share * cost.cell_memory(node, cell, plan.precision)
+    for source, v in {(source, v) for name in members for _, (source, _), v in largest[name].inputs if source not in inside}:
+        whole += cost.cell_bytes(nodes[source], largest[source], plan.precision, [v])
+    return whole + int(strips)

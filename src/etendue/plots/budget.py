@@ -1,0 +1,113 @@
+"""Where run time and error come from, and what was left out: the ledger of an archive, stage by stage.
+
+In:  holdings with a table ``ledger``.
+Out: a ``Plot`` of three columns of bars over the stages in their order.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import RequestError
+from etendue.plots.holdings import Holdings
+from etendue.plots.labels import number_text
+from etendue.plots.plot import Plot, new_figure
+
+COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "seconds_saved", "error", "how", "bound")
+
+
+def budget(holdings: Holdings) -> Plot:
+    """Thread time, stated error and omissions by stage.
+
+    Raises
+    ------
+    RequestError
+        There is no ledger.
+    """
+    rows = by_stage(holdings)
+    figure = new_figure(11.0, 1.5 + 0.24 * len(rows))
+    time, error, left = figure.subplots(1, 3, sharey=True, width_ratios=(1.0, 1.25, 1.0))
+    place = np.arange(len(rows))
+    at = {name: [row[number] for row in rows] for number, name in enumerate(COLUMNS)}
+    seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
+    time.barh(place, seconds, color="#4477aa", label="spent")
+    time.barh(place, saved, left=seconds, color="none", edgecolor="#4477aa", hatch="////", linewidth=0.6, label="saved, as planned")
+    top = max(float((seconds + saved).max()), 1e-9)
+    for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
+        time.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
+    time.set_xlim(0, 1.22 * top)
+    time.set_title(f"thread time: {_seconds(float(seconds.sum()))} in all", fontsize=9)
+    time.set_yticks(
+        place,
+        [f"{name}  ({cells} {'cell' if cells == 1 else 'cells'})" for name, cells in zip(at["stage"], at["cells"], strict=True)],
+        fontsize=7.5,
+    )
+    time.invert_yaxis()
+    stated = np.array([np.nan if v is None else v for v in at["error"]], float)
+    bound = np.array(at["bound"], float)
+    positive = np.concatenate([stated[stated > 0], bound[bound > 1e-12]])
+    low = 10.0 ** np.floor(np.log10(max(float(positive.min()), 1e-12)) - 0.3) if positive.size else 1e-9
+    error.set_xscale("log")
+    error.barh(place - 0.19, np.where(stated > low, stated - low, 0), left=low, height=0.36, color="#cc6677", label="of the stage itself")
+    error.barh(
+        place + 0.19, np.where(bound > low, bound - low, 0), left=low, height=0.36, color="#ddcc77", label="added by omissions, at most"
+    )
+    error.set_xlim(low, max(2.0 * float(positive.max()), 10 * low) * 12 if positive.size else 1.0)
+    for row, (own, how) in enumerate(zip(stated, at["how"], strict=True)):
+        text = "unknown" if np.isnan(own) else f"{'exact' if own == 0 else f'{own:.0e}'.replace('e-0', 'e-')}, {how}"
+        error.text(own * 1.15 if own > low else low * 1.15, row - 0.19, text, va="center", fontsize=6.5)
+    error.set_title("largest error, share of full scale", fontsize=9)
+    shares = {
+        name: np.array(at[name], float) / np.maximum(np.array(at["cells"], float), 1) for name in ("left_out", "approximated", "failed")
+    }
+    start = np.zeros(len(rows))
+    for name, colour, words in (
+        ("left_out", "#117733", "left out"),
+        ("approximated", "#88ccee", "coarser"),
+        ("failed", "#c03028", "failed or skipped"),
+    ):
+        if name != "failed" or shares[name].any():
+            left.barh(place, 100 * shares[name], left=100 * start, color=colour, label=words)
+            start = start + shares[name] if name != "approximated" else start
+    left.set_xlim(0, 105)
+    left.set_title("share of the cells, %", fontsize=9)
+    for axes in (time, error, left):
+        axes.tick_params(labelsize=7.5, length=2)
+        axes.grid(axis="x", color="0.93")
+        axes.set_axisbelow(True)
+        axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.04 - 0.5 / max(len(rows), 4)), ncols=2)
+    figure.suptitle(f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10)
+    return Plot(figure, COLUMNS, rows)
+
+
+def by_stage(holdings: Holdings) -> list[list[Any]]:
+    """A row for each stage, in the order of the light: as ``COLUMNS`` says.
+
+    Raises
+    ------
+    RequestError
+        There is no ledger.
+    """
+    ledger = holdings.table("ledger")
+    if ledger is None:
+        raise RequestError("there is no ledger here: a budget is drawn of an archive, or of what a run gave, as a whole")
+    stages = ledger["stage"].values.astype(object)
+    rows = []
+    for name in dict.fromkeys(stages.tolist()):
+        own = ledger.isel(cell=np.flatnonzero(stages == name))
+        status = own["status"].values.astype(object)
+        error = own["error"].values
+        omitted = [int((own[name].values.astype(object) != "").sum()) for name in ("why_left_out", "approximated")]
+        seconds = [float(np.nansum(own[name].values)) for name in ("seconds", "seconds_saved")]
+        worst = float(np.nanmax(error)) if np.isfinite(error).any() else None
+        how, bound = str(own["how"].values.astype(object)[0]), float(np.nan_to_num(own["bound"].values).max())
+        rows.append([name, len(status), int(np.isin(status, ("failed", "skipped")).sum()), *omitted, *seconds, worst, how, bound])
+    return rows
+
+
+def _seconds(value: float) -> str:
+    if value >= 60:
+        return f"{value / 60:.3g} min"
+    return f"{number_text(value)} s" if value >= 1 else f"{1e3 * value:.3g} ms"

@@ -1,0 +1,90 @@
+"""How axes, values and units are written beside a plot: ``f/2.8``, ``5.4 µm``, ``8 ms``, ``cycles/µm``.
+
+In:  names of dims, values, units as the archive has them (``um-1``, ``electron um-2``).
+Out: short text.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+SAID = {
+    "1": "", "": "", "um-1": "cycles/µm", "mm-1": "lp/mm", "pixel-1": "cycles/pixel", "cycles/um": "cycles/µm", "s": "s", "deg": "°",
+    "electron": "electrons", "electron/s": "electrons/s", "stop": "stops",
+}  # fmt: skip
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+def unit_text(units: str) -> str:
+    """A unit as people say it; '' for a plain number."""
+    if units in SAID:
+        return SAID[units]
+    text = re.sub(r"(?<![A-Za-z])um(?![A-Za-z])", "µm", units)
+    text = re.sub(r"\belectron\b", "electrons", text)
+    return re.sub(r"(?<=[A-Za-zµ])-?\d+", lambda found: found.group().translate(RAISED), text)
+
+
+def value_text(value: Any, units: str = "", dim: str = "") -> str:
+    """A value of an axis with its unit: an f-number as ``f/2.8``, seconds with a prefix."""
+    if isinstance(value, str) or value is None or not _is_number(value):
+        return str(value)
+    number = float(value)
+    if dim.rpartition(".")[2].endswith("f_number"):
+        return f"f/{number:.4g}"
+    if units == "s" and number > 0 and math.isfinite(number):
+        factor, prefix = next(((f, p) for f, p in PREFIXES if number >= 0.9995 * f), PREFIXES[-1])
+        return f"{number / factor:.4g} {prefix}s"
+    unit = unit_text(units)
+    return f"{number:.4g}{'' if unit in ('', '°') else ' '}{unit}"
+
+
+def bare_text(value: Any, units: str = "", dim: str = "") -> str:
+    """The same without a unit, for ticks beside an axis whose title has it; seconds keep their prefix."""
+    if isinstance(value, str) or not _is_number(value):
+        return str(value)
+    return value_text(value, units, dim) if units == "s" or dim.endswith("f_number") else f"{float(value):.4g}"
+
+
+def name_text(name: str, units: str = "") -> str:
+    """``pixel_pitch`` in um: ``pixel pitch, µm``. Ticks of f-numbers and of seconds say their unit themselves."""
+    unit = "" if units == "s" else unit_text(units)
+    words = "f-number" if name == "f_number" else name.replace("_", " ")
+    return f"{words}, {unit}" if unit else words
+
+
+def number_text(value: float, digits: int = 3) -> str:
+    """A number in a cell: at most ``digits`` digits, few letters."""
+    if not math.isfinite(value):
+        return "∞" if value > 0 else "-∞" if value < 0 else ""
+    if value == 0:
+        return "0"
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, _, exponent = text.partition("e")
+        return f"{value:.0f}" if 0 < int(exponent) <= 4 else f"{mantissa}e{int(exponent)}"
+    return text.replace("0.", ".", 1) if text.startswith(("0.", "-0.")) else text
+
+
+def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
+    """``f/2.8, 5.4 µm, 8 ms``: axis values as a name."""
+    texts = []
+    for dim, value in places.items():
+        unit = units.get(dim, "")
+        text = value_text(value, unit, dim)
+        texts.append(text if _says_itself(dim, unit, value) else f"{dim.replace('_', ' ')} {text}")
+    return ", ".join(texts)
+
+
+def _says_itself(dim: str, units: str, value: Any) -> bool:
+    return isinstance(value, str) or dim.endswith("f_number") or unit_text(units) not in ("", "°")
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return False
+    return not isinstance(value, bool)

@@ -1,0 +1,103 @@
+"""A plot that is drawn: kept as a figure with the numbers in it, and saved whole or not at all.
+
+In:  a matplotlib ``Figure`` and rows of numbers.
+Out: a PNG, SVG or PDF; the numbers as CSV.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any
+
+from etendue.errors import RequestError
+
+SUFFIXES = (".png", ".svg", ".pdf", ".csv")
+DPI = 150
+STYLE: Any = {"svg.hashsalt": "etendue", "svg.fonttype": "none", "pdf.fonttype": 42, "font.family": "DejaVu Sans"}
+UNDATED = {"png": {"Software": "etendue"}, "svg": {"Date": None, "Creator": "etendue"}, "pdf": {"CreationDate": None, "Creator": "etendue"}}
+
+
+@dataclass
+class Plot:
+    """What was drawn. Notebooks show it; ``save`` writes it.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+        Made without pyplot: nothing of it stays behind.
+    columns, rows : names and values of what is drawn, a row for each number that stands in the plot
+    notes : what was chosen, left out or not known
+    """
+
+    figure: Any
+    columns: Sequence[str] = ()
+    rows: Sequence[Sequence[Any]] = ()
+    notes: list[str] = field(default_factory=list)
+    dpi: int = DPI
+
+    def save(self, path: str | Path) -> Path:
+        """Write it; the ending says as what: .png, .svg, .pdf, or .csv for the numbers alone.
+
+        Raises
+        ------
+        RequestError
+            Another ending.
+        """
+        path = Path(path)
+        data = self.data(check_suffix(path))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+        try:
+            partial.write_bytes(data)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+        return path
+
+    def data(self, kind: str) -> bytes:
+        """The bytes of a file. The same plot drawn again gives the same bytes."""
+        if kind == "csv":
+            text = StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow(self.columns)
+            writer.writerows(self.rows)
+            return text.getvalue().encode()
+        from matplotlib import rc_context
+
+        found = BytesIO()
+        with rc_context(STYLE):
+            self.figure.savefig(found, format=kind, dpi=self.dpi, metadata=UNDATED[kind])
+        return found.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.data("png")
+
+
+def check_suffix(path: Path) -> str:
+    """``png`` of ``map.png``.
+
+    Raises
+    ------
+    RequestError
+        It is no ending that can be written.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise RequestError(f"{path}: the ending says what to write; allowed are {', '.join(SUFFIXES)}")
+    return path.suffix.lower()[1:]
+
+
+def new_figure(width: float, height: float, layout: Any = "constrained") -> Any:
+    """An empty figure of a size in inches, with a canvas of its own."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with rc_context(STYLE):
+        figure = Figure(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure

@@ -1,0 +1,183 @@
+"""Cubes written by each format's own library are read as what they are, and reach a picture; what is wrong is said in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import etendue
+from etendue.cli.program import main
+from etendue.errors import RequestError
+from etendue.importing.cube import PLANCK_LIGHT, as_light, in_order, read_cube, wavelengths_of
+
+WAVE = np.array([450.0, 500.0, 550.0, 600.0])
+LIGHT = np.random.default_rng(5).uniform(0.1, 1.0, (4, 5, 6)).astype(np.float32)  # wavelength, y, x
+
+
+def npy(path):
+    np.save(path, LIGHT)
+
+
+def npz(path):
+    np.savez(path, radiance=np.moveaxis(LIGHT, 0, 2), wavelength=WAVE)
+
+
+def mat(path):
+    import scipy.io
+
+    scipy.io.savemat(path, {"cube": np.moveaxis(LIGHT, 0, 2), "wavelengths": WAVE})
+
+
+def hdf5(path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file.create_dataset("scan/cube", data=LIGHT)
+        file.create_dataset("scan/wavelengths", data=WAVE)
+
+
+def envi(path):
+    reader = pytest.importorskip("spectral.io.envi")
+    reader.save_image(str(path), np.moveaxis(LIGHT, 0, 2), metadata={"wavelength": WAVE / 1e3, "wavelength units": "micrometers"})
+
+
+def openexr(path):
+    exr = pytest.importorskip("OpenEXR")
+    layers = {f"S0.{w:.1f}nm".replace(".", ",", 2).replace("S0,", "S0."): LIGHT[i] for i, w in enumerate(WAVE)}
+    exr.File({"type": exr.scanlineimage}, layers).write(str(path))
+
+
+def tiff(path):
+    import tifffile
+
+    tifffile.imwrite(path, LIGHT, photometric="minisblack")
+
+
+FORMATS = {
+    "cube.npy": npy, "cube.npz": npz, "cube.mat": mat, "cube.h5": hdf5, "cube.hdr": envi, "cube.exr": openexr, "cube.tif": tiff,
+}  # fmt: skip
+SAID = {"cube.npz", "cube.mat", "cube.h5", "cube.hdr", "cube.exr"}  # whose wavelengths stand in the file
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_file_is_read_as_the_formats_own_library_has_written_it(tmp_path, name):
+    FORMATS[name](tmp_path / name)
+    cube = read_cube(tmp_path / name)
+    np.testing.assert_array_equal(cube.values, LIGHT)
+    assert (cube.wavelength is not None) == (name in SAID)
+    if name in SAID:
+        np.testing.assert_allclose(cube.wavelength, WAVE, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_cube_reaches_a_picture_with_its_own_light(tmp_path, name):
+    FORMATS[name](tmp_path / name)
+    words = [
+        "import",
+        str(tmp_path / name),
+        "-o",
+        str(tmp_path / "scene.zarr"),
+        "--level",
+        "radiance",
+        "--spacing",
+        "2",
+        "--white-at",
+        "2,3,3",
+    ]
+    done = CliRunner().invoke(main, [*words, "--wavelengths", "450:600:50"] if name not in SAID else words)
+    assert done.exit_code == 0, done.output
+    tree = etendue.simulate(
+        {"stages": [{"use": "radiance_cube", "name": "scene", "file": str(tmp_path / "scene.zarr")}]},
+        want=["radiance", "white_radiance"], f_number=4,
+    )  # fmt: skip
+    np.testing.assert_array_equal(tree["scene/radiance"].values, LIGHT)
+    np.testing.assert_allclose(tree["scene/white_radiance"].values, LIGHT[:, 1:4, 2:5].mean(axis=(1, 2)), rtol=1e-6)  # float32
+
+
+def test_photons_of_isetcam_are_the_radiance_that_carries_them(tmp_path):
+    import scipy.io
+
+    photons = LIGHT / (PLANCK_LIGHT / (WAVE * 1e-9))[:, None, None]
+    last = {"photons": np.moveaxis(photons, 0, 2).astype(float)}
+    light = {"data": {"photons": photons[:, 0, 0].astype(float)}}
+    scipy.io.savemat(tmp_path / "scene.mat", {"scene": {"data": last, "spectrum": {"wave": WAVE}, "illuminant": light}})
+    basis = np.linalg.qr(np.random.default_rng(1).normal(size=(4, 4)))[0]
+    scipy.io.savemat(tmp_path / "basis.mat", {"mcCOEF": last["photons"] @ basis, "basis": {"basis": basis, "wave": WAVE}})
+    for name in ("scene", "basis"):
+        cube, unit = as_light(read_cube(tmp_path / f"{name}.mat"), name)
+        assert unit == "W m-2 sr-1 nm-1"
+        np.testing.assert_allclose(cube.values, LIGHT, rtol=1e-6)  # through float32 on the way
+    cube, _ = as_light(read_cube(tmp_path / "scene.mat"), "scene")
+    np.testing.assert_allclose(cube.white, LIGHT[:, 0, 0], rtol=1e-6)
+
+
+def test_bands_are_sorted_and_whole_numbers_are_shares_of_their_largest(tmp_path):
+    import tifffile
+
+    tifffile.imwrite(tmp_path / "a.tif", np.round(LIGHT * 65535).astype(np.uint16), photometric="minisblack")
+    done = CliRunner().invoke(
+        main, ["import", str(tmp_path / "a.tif"), "-o", str(tmp_path / "a.zarr"), "--level", "relative", "--wavelengths", "600,550,500,450"]
+    )
+    assert done.exit_code == 0 and "white_luminance" in done.output, done.output
+    import xarray
+
+    store = xarray.open_zarr(tmp_path / "a.zarr", consolidated=False)
+    assert store.wavelength.values.tolist() == sorted(WAVE)
+    np.testing.assert_allclose(store.radiance.values, LIGHT[::-1], atol=0.5 / 65535 + 1e-7)  # half a step
+
+
+def test_axes_that_are_named_are_put_in_order():
+    from etendue.importing.cube import Cube
+
+    moved = np.transpose(LIGHT, (1, 2, 0))
+    np.testing.assert_array_equal(in_order(Cube(moved), "yxw").values, LIGHT)
+
+
+@pytest.mark.parametrize(
+    ("make", "words", "said"),
+    [
+        (None, (), "there is no file"),
+        (lambda p: (p / "a.npy").write_bytes(b"no"), (), "a.npy cannot be read as .npy"),
+        (lambda p: np.save(p / "a.npy", LIGHT[0]), (), "expected numbers by three axes"),
+        (lambda p: np.save(p / "a.npy", LIGHT), (), "does not say its wavelengths: --wavelengths"),
+        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:50"), "does not say its level: --level"),
+        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:75", "--level", "radiance"), "3 wavelengths for 4 bands"),
+        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:40", "--level", "radiance"), "expected FIRST:LAST:STEP"),
+        (lambda p: np.save(p / "a.npy", LIGHT), ("--wavelengths", "450:600:50", "--level", "radance"), "did you mean 'radiance'?"),
+        (lambda p: np.save(p / "a.npy", LIGHT), ("--axes", "yx"), "expected the letters w, y and x"),
+        (lambda p: np.save(p / "a.npy", LIGHT - 1), ("--wavelengths", "450:600:50", "--level", "radiance"), "that are no light, the first"),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT),
+            ("--wavelengths", "450:600:50", "--level", "radiance", "--white-at", "0,0"),
+            "lies outside",
+        ),
+        (
+            lambda p: np.save(p / "a.npy", LIGHT),
+            ("--wavelengths", "450:600:50", "--level", "radiance", "--white-at", "a"),
+            "expected a row",
+        ),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_nothing_is_written(tmp_path, make, words, said):
+    if make:
+        make(tmp_path)
+    done = CliRunner().invoke(main, ["import", str(tmp_path / "a.npy"), "-o", str(tmp_path / "a.zarr"), *words])
+    assert done.exit_code == 2 and said in done.output and len(done.output.strip().splitlines()) == 1, done.output
+    assert not list(Path(tmp_path).glob("*.zarr")) and not list(Path(tmp_path).glob(".*"))
+
+
+def test_an_array_is_named_where_there_are_several_and_a_missing_reader_with_its_command(tmp_path, monkeypatch):
+    np.savez(tmp_path / "a.npz", one=LIGHT, two=LIGHT)
+    with pytest.raises(RequestError, match="several arrays of three axes, one, two; name one: --variable"):
+        read_cube(tmp_path / "a.npz")
+    assert read_cube(tmp_path / "a.npz", "two").values.shape == (4, 5, 6)
+    (tmp_path / "a.hdr").write_text("ENVI\n")
+    monkeypatch.setitem(__import__("sys").modules, "spectral.io.envi", None)
+    with pytest.raises(RequestError, match=r"pip install 'etendue\[cubes\]'"):
+        read_cube(tmp_path / "a.hdr")
+
+
+def test_wavelengths_stand_in_a_range_a_list_or_a_file(tmp_path):
+    (tmp_path / "w.csv").write_text("450\n500\n550\n600\n")
+    for text in ("450:600:50", "450,500,550,600", str(tmp_path / "w.csv")):
+        np.testing.assert_array_equal(wavelengths_of(text), WAVE)
