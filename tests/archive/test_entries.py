@@ -37,6 +37,20 @@ def test_columns_say_what_a_dict_of_entries_says(said):
     for name, one in plain.items():
         assert columns.standing(name, one.key) == ("" if one.event == "start" else one.status)
         assert columns.standing(name, one.key + "x") == ""
+        assert columns.took(name) == one.seconds
+    done = {name: one for name, one in plain.items() if one.event == "done"}
+    assert columns.done_among(["nobody", *plain]) == list(done)
+    assert columns.done_otherwise((name, "" if name == "scene" else one.key) for name, one in plain.items()) == [
+        name for name, one in done.items() if name == "scene" and one.key
+    ]
+    assert list(columns.told()) == [(name, one.event, one.status, one.seconds, one.clipped) for name, one in plain.items()]
+    chunks = [file for one in done.values() for file in one.files]
+    assert {path: [columns.files[n] for n in own] for path, own in columns.by_shard().items()} == {
+        path: [file for file in chunks if file.path == path] for path in {file.path for file in chunks}
+    }
+    assert columns.shards().keys() == columns.by_shard().keys() and columns.shards(plain) == {}
+    outdated = columns.counts(done)
+    assert sum(count for (_, status), count in outdated.items() if status == "outdated") == len(done)
     columns.close()
     assert dict(columns) == {name: replace(one, fresh=False) for name, one in plain.items()}
 
@@ -76,6 +90,20 @@ def test_a_line_read_in_one_go_says_what_it_says_word_by_word(line):
     assert _take_own(quick, summed(line))
     _take(slow, _checked(summed(line)))
     assert dict(quick.entries) == dict(slow.entries)
+    for found, take in ((quick, lambda: _take_own(quick, summed(line))), (slow, lambda: _take(slow, _checked(summed(line))))):
+        found.outdated = {"pixel f=1", "scene", "pixel f=2"}
+        take()
+    assert quick.outdated == slow.outdated == {"pixel f=1", "scene", "pixel f=2"} - set(quick.entries)
+
+
+@pytest.mark.parametrize("path", ["/etc/passwd", "a/../../b", ".."])
+@pytest.mark.parametrize("word", ["a/c.0", "p"])
+def test_a_path_that_leads_out_of_the_archive_says_nothing(path, word, tmp_path):
+    line = LINES[1].replace(f'"{word}"'.encode(), f'"{path}"'.encode())
+    (tmp_path / "journal.jsonl").write_bytes(summed(line) + b"\n")
+    found = read(tmp_path / "journal.jsonl")
+    assert (len(found.entries), found.damaged) == (0, 1)
+    assert not found.said.files.texts
 
 
 @pytest.mark.parametrize("line", LINES)

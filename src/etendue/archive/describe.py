@@ -115,7 +115,7 @@ def _pace(journal: Read, began: str) -> dict[str, float | None]:
         return {"rate": None, "left": None}
     took: dict[str, list[float]] = {}
     for cell in run.ended:
-        took.setdefault(cell.split(" ")[0], []).append(journal.entries[cell].seconds if cell in journal.entries else 0.0)
+        took.setdefault(cell.split(" ")[0], []).append(journal.said.took(cell))
     spent, known = sum(map(sum, took.values())), sum(map(len, took.values()))
     ahead = 0.0
     for stage, todo in run.todo.items():

@@ -154,6 +154,11 @@ class Entries(MutableMapping[str, Entry]):
             return ""
         return STATUS[self.status[row]]
 
+    def took(self, name: str) -> float:
+        """Seconds of a cell; 0 where nothing is said of it."""
+        row = self.rows.get(name)
+        return 0.0 if row is None else self.seconds[row]
+
     # -- of all at once -----------------------------------------------------------------------------------------------
 
     def any_done(self) -> bool:
@@ -168,6 +173,12 @@ class Entries(MutableMapping[str, Entry]):
         """The names of the cells of which this was said last."""
         number = _EVENT[event]
         return (name for name, row in self.rows.items() if self.event[row] == number)
+
+    def told(self) -> Iterator[tuple[str, str, str, float, float]]:
+        """Every name with its event, status, seconds and the share that was clipped: what can be said without its chunks."""
+        for name, row in self.rows.items():
+            clipped = self.rest[row][0] if row in self.rest else 0.0
+            yield name, EVENTS[self.event[row]], STATUS[self.status[row]], self.seconds[row], clipped
 
     def done_among(self, names: Iterable[str]) -> list[str]:
         """Which of some cells are done."""
