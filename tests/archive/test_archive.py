@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import google_crc32c
@@ -571,6 +572,35 @@ def test_of_two_runs_at_once_one_is_refused(tmp_path, plan):
         thread.join()
     assert ends.count("refused") == 1
     assert ends.count(0) == 1
+
+
+def test_an_archive_that_another_run_is_just_beginning_is_in_use(tmp_path, plan):
+    """Its groups are there, the document that makes it an archive is not yet."""
+    folder = tmp_path / "a"
+    (folder / "data.zarr" / "scene").mkdir(parents=True)
+    with open(folder / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(ArchiveInUse, match="in use by another run"):
+            run(plan, folder)
+    with pytest.raises(ArchiveError, match="is not an archive"):
+        run(plan, folder)
+
+
+def test_who_asks_whether_an_archive_is_in_use_keeps_no_run_out(copy, plan):
+    """The question takes the lock for an instant."""
+    asked = threading.Event()
+
+    def ask():
+        with open(copy / "lock") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            asked.set()
+            time.sleep(0.02)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    assert asked.wait(60)
+    assert run(plan, copy).computed == 0
+    thread.join()
 
 
 def test_a_run_whose_archive_is_taken_over_stops(copy, plan, monkeypatch):

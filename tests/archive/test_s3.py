@@ -125,7 +125,7 @@ def test_a_run_killed_at_s3_is_finished_here_and_elsewhere(machine, place, plan,
         assert checked.returncode == 0, checked.stdout
 
 
-def test_commands_read_it(machine, place, plan, whole):
+def test_commands_read_it(machine, plan, whole):
     """show, diff, reproduce, export and Python on a URL: as on the folder, with the URL in what they say."""
     import xarray
 
@@ -140,9 +140,16 @@ def test_commands_read_it(machine, place, plan, whole):
         (("export", url, "--tiff"), 2),  # the smallest camera has no raw frame
     ):
         done = command(*words)
+        assert url in done.stdout + done.stderr
         assert done.returncode == code, (words, done.stdout, done.stderr)
         assert str(machine / "work") not in done.stdout + done.stderr
-        assert url in done.stdout + done.stderr
+    for name, archive in (("url", url), ("folder", whole)):
+        for words in (("report", archive, "-o", machine / f"report-{name}.html"), ("plot", archive, "-o", machine / f"plot-{name}.csv")):
+            done = command(*words)
+            assert done.returncode == 0, done.stderr
+    csv = [(machine / f"plot-{name}.csv").read_text() for name in ("url", "folder")]
+    assert csv[0] == csv[1]
+    assert (machine / "report-url.html").stat().st_size > 10_000
     assert not list((machine / "work").glob("reading-*"))
     tree = etendue.open_archive(url)
     xarray.testing.assert_identical(

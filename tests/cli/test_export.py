@@ -235,14 +235,15 @@ def test_more_than_a_handful_are_written_only_when_asked_for(archive, run, tmp_p
     assert len(os.listdir(tmp_path / "chart-export")) == 4
 
 
-def test_an_archive_that_a_run_is_writing_to_is_left_alone(archive, run):
+def test_what_is_finished_of_a_run_that_goes_on_is_written_out(archive, run, tmp_path):
     import fcntl
 
+    assert run(archive, "--dng", "--output", "before")[0] == 0
     with open(archive / "lock") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        code, _, err = run(archive, "--dng")
-    assert code == 4
-    assert "a run is writing to it" in err
+        assert run(archive, "--dng", "--output", "during")[0] == 0
+    before, during = ({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("before", "during"))
+    assert before == during and before
 
 
 def test_colour_filters_without_a_white_are_refused_with_the_stage_that_gives_one(tmp_path, run):

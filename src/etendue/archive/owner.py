@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 import uuid
 import zlib
 from pathlib import Path
@@ -26,6 +27,23 @@ def fresh_id() -> str:
 def is_id(text: bytes) -> bool:
     """Whether ``run.id`` holds what a run has written there; earlier ones wrote no checksum."""
     return text == ABANDONED.encode() or len(text) == 32 or (len(text) == 40 and text[32:] == f"{zlib.crc32(text[:32]):08x}".encode())
+
+
+def take(lock: int) -> None:
+    """Own an archive. Who asks whether it has an owner (``is_running``) holds its lock for an instant: that is waited for.
+
+    Raises
+    ------
+    BlockingIOError
+        It has one.
+    """
+    for _ in range(20):
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            time.sleep(0.005)
+    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def is_running(folder: Path) -> bool:

@@ -15,7 +15,6 @@ written where nothing has changed.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -38,11 +37,11 @@ from etendue.archive.journal import Journal, is_done
 from etendue.archive.laid import Laid
 from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
-from etendue.archive.owner import ABANDONED, fresh_id
+from etendue.archive.owner import ABANDONED, fresh_id, take
 from etendue.archive.parts import PARTS
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.shards import Place, part_path
-from etendue.archive.strangers import check_ours, known_axes, refuse_strangers
+from etendue.archive.strangers import check_folder, known_axes, refuse_strangers
 from etendue.archive.tree import ROOT, incompatible
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
@@ -77,8 +76,7 @@ class Archive:
 
     def __enter__(self) -> Archive:
         if self.folder.exists():
-            check_ours(self.folder)
-            disk.Listing(self.folder)  # refuses links
+            check_folder(self.folder)
         try:
             (self.folder / DATA).mkdir(parents=True, exist_ok=True)
             if self.durable:
@@ -88,7 +86,7 @@ class Archive:
             raise MachineError(f"the archive {self.folder} cannot be written: {error.strerror}") from None
         try:
             try:
-                fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                take(self.lock)
                 if not os.path.samestat(os.fstat(self.lock), os.stat(self.folder / "lock")):
                     raise BlockingIOError  # the archive was written anew between the two
             except BlockingIOError:

@@ -15,10 +15,25 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.clearing import ASIDE, nodes_on_disk
 from etendue.archive.manifest import DATA, Manifest, digest_of
+from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
 from etendue.archive.tree import ROOT
-from etendue.errors import ArchiveError
+from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.spec.names import TABLES
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder of somebody else, and links. What another run is just beginning looks like neither, and is in use."""
+    for again in (False, True):
+        try:
+            check_ours(folder)
+            disk.Listing(folder)
+            return
+        except (ArchiveError, FileNotFoundError):
+            if is_running(folder):
+                raise ArchiveInUse(f"{folder} is in use by another run") from None
+            if again:  # its run has not ended between the two
+                raise
 
 
 def check_ours(folder: Path) -> None:

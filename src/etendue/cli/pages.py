@@ -7,25 +7,27 @@ from pathlib import Path
 import click
 
 from etendue import streams
-from etendue.cli.options import JSON
+from etendue.cli.options import JSON, PLACE
 from etendue.cli.saying import command, say
 
 
 @command("report")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+@click.argument("place", type=PLACE, metavar="ARCHIVE")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Default ./ARCHIVE-report.html; an older one is replaced."
 )
 @JSON
-def report(folder: Path, output: Path | None, as_json: bool) -> None:
+def report(place: Path | str, output: Path | None, as_json: bool) -> None:
     """One page to read and send on: pictures, maps, curves, trade-offs, errors, failures.
 
     A single HTML file that opens in any browser of 2023 or later, offline. It holds the figures of all cells and the
     pictures of at most 64. Of a run that is still going on it holds what is there.
     """
+    from etendue.archive import places
     from etendue.page.report import report as write
 
-    written = write(folder, output or Path(f"{folder.resolve().name}-report.html"))
+    with places.reading(place) as folder:
+        written = write(folder, output or Path(f"{folder.resolve().name}-report.html"))
     if as_json:
         say(
             {
@@ -42,31 +44,35 @@ def report(folder: Path, output: Path | None, as_json: bool) -> None:
 
 
 @command("view")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+@click.argument("place", type=PLACE, metavar="ARCHIVE")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Default: any that is free.")
 @click.option("--no-browser", is_flag=True, help="Only say the address.")
-def view(folder: Path, port: int, no_browser: bool) -> None:
+def view(place: Path | str, port: int, no_browser: bool) -> None:
     """The same page live, with every pixel of every stage: in a browser, on this machine alone.
 
-    Follows a run that is still going on. The address holds a secret: whoever has it, on this machine, can look; nobody
-    can change anything. Ends with Ctrl-C.
+    Follows a run that is still going on; of an archive at an object store it shows what was there at the start. The
+    address holds a secret: whoever has it, on this machine, can look; nobody can change anything. Ends with Ctrl-C.
     """
+    from etendue.archive import places
     from etendue.errors import RequestError
     from etendue.page.live import Live
     from etendue.page.server import Server
 
-    try:
-        opened = Server(Live(folder), port)
-    except OSError as error:
-        raise RequestError(f"--port {port}: {(error.strerror or 'refused').lower()}; without it any port that is free is taken") from None
-    with opened as server:
-        with streams.results():
-            click.echo(server.url)
-        if not no_browser:
-            import webbrowser
-
-            webbrowser.open(server.url)
+    with places.reading(place) as folder:
         try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            click.echo("ended", err=True)
+            opened = Server(Live(folder), port)
+        except OSError as error:
+            raise RequestError(
+                f"--port {port}: {(error.strerror or 'refused').lower()}; without it any port that is free is taken"
+            ) from None
+        with opened as server:
+            with streams.results():
+                click.echo(server.url)
+            if not no_browser:
+                import webbrowser
+
+                webbrowser.open(server.url)
+            try:
+                server.serve_forever()
+            except KeyboardInterrupt:
+                click.echo("ended", err=True)

@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 
 from etendue import streams
-from etendue.cli.options import JSON
+from etendue.cli.options import JSON, PLACE
 from etendue.cli.saying import command, say, show
 
 
 @command("plot")
-@click.argument("folder", type=click.Path(path_type=Path), metavar="ARCHIVE")
+@click.argument("place", type=PLACE, metavar="ARCHIVE")
 @click.argument("words", nargs=-1, metavar="[KIND] [VARIABLE]...")
 @click.option(
     "-o",
@@ -30,8 +30,8 @@ from etendue.cli.saying import command, say, show
 @click.option("--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order.")
 @JSON
 def plot(
-    folder: Path, words: tuple[str, ...], output: Path | None, listing: bool, at: tuple[str, ...], x: str, y: str, lines: str, panels: str,
-    better: str, as_json: bool,
+    place: Path | str, words: tuple[str, ...], output: Path | None, listing: bool, at: tuple[str, ...], x: str, y: str, lines: str,
+    panels: str, better: str, as_json: bool,
 ) -> None:  # fmt: skip
     """Draw what an archive holds: figures over axes, curves, fronts, pictures, budgets.
 
@@ -46,6 +46,7 @@ def plot(
     etendue plot sweep show rgb_display --at f_number=2.8 --at pixel_pitch=4um --at integration_time=10ms
     etendue plot sweep budget                             run time, error, omissions by stage
     """
+    from etendue.archive import places
     from etendue.plots.holdings import Holdings
     from etendue.plots.kinds import Asked, draw, kind_of, listed
     from etendue.plots.opening import opened
@@ -55,16 +56,17 @@ def plot(
     asked = Asked((), x, y, lines, _parts(panels), _parts(better), read_at(at))
     if output is not None:
         check_suffix(output)
-    holdings = Holdings(opened(folder))
-    if listing:
-        from etendue.report.looking import plots_text
+    with places.reading(place) as folder:
+        holdings = Holdings(opened(folder))
+        if listing:
+            from etendue.report.looking import plots_text
 
-        document = listed(holdings)
-        say(document) if as_json else show(click.echo, "\n".join(plots_text(document)))
-        return
-    kind, figures = kind_of(holdings, words[0] if words else "", words[1:])
-    made = draw(holdings, kind, Asked(figures, asked.x, asked.y, asked.lines, asked.panels, asked.better, asked.at))
-    path = made.save(output or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png"))
+            document = listed(holdings)
+            say(document) if as_json else show(click.echo, "\n".join(plots_text(document)))
+            return
+        kind, figures = kind_of(holdings, words[0] if words else "", words[1:])
+        made = draw(holdings, kind, Asked(figures, asked.x, asked.y, asked.lines, asked.panels, asked.better, asked.at))
+        path = made.save(output or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png"))
     if as_json:
         say({"file": str(path), "kind": kind, "columns": list(made.columns), "rows": [list(row) for row in made.rows], "notes": made.notes})
         return
