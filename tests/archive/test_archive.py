@@ -421,6 +421,16 @@ def test_a_sensor_of_fixed_size_has_a_child_for_each_shape(tmp_path):
         assert tree["pixel/23x30/pixel_pitch"].values.tolist() == [2.6]
 
 
+@pytest.mark.parametrize("kept", [None, ["adc.raw"]], ids=["all", "raw"])
+def test_cells_of_another_shape_take_none_away(tmp_path, kept):
+    """One shape has no group of its own; the second gives both one: what was finished is computed there, and stays."""
+    for pitch in SWEEP["sweep.pixel_pitch"]:
+        outcome = run(plan_of({**FIXED, "sweep.pixel_pitch": [pitch], "keep": kept}), tmp_path / "grown")
+    assert "of another shape" in outcome.reasons["adc"]
+    run(plan_of({**FIXED, "sweep.pixel_pitch": SWEEP["sweep.pixel_pitch"], "keep": kept}), tmp_path / "whole")
+    assert_same_archives(tmp_path / "grown", tmp_path / "whole", frames=False)
+
+
 @pytest.mark.parametrize(
     "axis",
     [

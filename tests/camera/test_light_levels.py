@@ -118,11 +118,11 @@ def test_etendue_times_radiance_is_the_power_on_the_pixel():
     for camera in ({"f_number": 1.4}, {"f_number": 8, "magnification": -0.7, "aperture_model": "flat_disc"}):
         tree = etendue.simulate(document("pixel_etendue", wanted=["irradiance", "etendue", "radiance"], **camera, **pixel))
         power = tree["irradiance"].irradiance.values * 1.5**2  # um2
-        by_etendue = tree["scene"].radiance.values * tree["pixel_etendue"].etendue.values
+        by_etendue = tree["scene"].radiance.values * tree["pixel_etendue"]["etendue"].values
         np.testing.assert_allclose(by_etendue, power, rtol=1e-14)
     tree = etendue.simulate(document("pixel_etendue", f_number=0.5, **pixel))
     np.testing.assert_allclose(tree["pixel_etendue"].cone_half_angle.values, 90.0, rtol=1e-7)  # a half space; sin is flat there
-    np.testing.assert_allclose(tree["pixel_etendue"].etendue.values, math.pi * 1.5**2, rtol=1e-14)
+    np.testing.assert_allclose(tree["pixel_etendue"]["etendue"].values, math.pi * 1.5**2, rtol=1e-14)
 
 
 def test_fall_off_follows_the_exit_pupil():

@@ -67,7 +67,8 @@ class ArchiveKeeper:
             store.former = former_of(plan, old)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
         asked_for = set(cells.values()) | {ref for ref in plan.cells if self.restore and store.names[ref] in self.restore}
-        todo = select(plan, finished, asked_for)
+        moved = {ref for ref in plan.cells if ref not in finished and not self.recompute and keeping.is_elsewhere(store, ref)}
+        todo = select(plan, finished, asked_for | moved)
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
         known = entries.any_done()
@@ -75,6 +76,8 @@ class ArchiveKeeper:
         reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
         for name, count in store.damaged.items():
             reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
+        for name in {ref[0] for ref in moved}:
+            reasons.setdefault(name, "cells of another shape have come: each shape is in a group of its own")
         store.begin(todo, finished, outdated)
         if self.restore is not None:
             store.change()  # also where nothing is left to do: what vouches for the rest is written anew
