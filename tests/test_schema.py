@@ -46,3 +46,19 @@ def test_what_a_schema_can_know_it_refuses(validator, name):
 def test_every_parameter_of_every_stage_is_in_it(validator):
     by_use = {rule["if"]["properties"]["use"]["const"]: rule["then"] for rule in validator.schema["properties"]["stages"]["items"]["allOf"]}
     assert set(by_use) == set(installed_stages().names())
+
+
+@pytest.mark.parametrize(
+    ("written", "right"),
+    [
+        (["sony-imx174", {"sensor": "sony-imx363", "label": "quiet", "read_noise": 1}], True),
+        ([{"label": "mine", "pixel_pitch": "3 um"}], True),
+        (["sony-imx17"], False),
+        ([{"sensor": "sony-imx363", "read_nois": 1}], False),
+        ([{"pixel_pitch": "3 um"}], False),
+        ([], False),
+    ],
+)
+def test_an_axis_of_sensors_is_names_or_tables_of_camera_quantities(validator, written, right):
+    document = {"sweep": {"sensor": written}, "stages": [{"use": "irradiance"}]}
+    assert (not list(validator.iter_errors(document))) == right

@@ -69,7 +69,10 @@ def schema(registry: Registry) -> dict[str, Any]:
             },
             "sweep": {
                 "type": "object",
-                "properties": {name: _axis(name, types.get(name)) for name in camera.names()},
+                "properties": {
+                    "sensor": _sensors({**own, **quantities}),
+                    **{name: _axis(name, types.get(name)) for name in camera.names()},
+                },
                 "additionalProperties": {"anyOf": [_list({}), SPACED, {"type": "object", "additionalProperties": OF_A_STAGE}]},
             },
             "stages": {"type": "array", "minItems": 1, "items": _stages(registry.names(), kinds)},
@@ -157,6 +160,16 @@ def _axis(name: str, kind: Any) -> dict[str, Any]:
     declared = camera.declared(name)
     values = _list(_form(declared, MISSING, kind)) | {"minItems": 1, "uniqueItems": True}
     return {"anyOf": [values, SPACED], "description": declared.long_name or declared.doc}
+
+
+def _sensors(quantities: Mapping[str, Any]) -> dict[str, Any]:
+    """The axis of sensors: names, or tables of camera quantities."""
+    name = {"enum": list(preset_names())}
+    table = {
+        "type": "object", "properties": {"sensor": name, "label": {"type": "string", "pattern": PLAIN}, **quantities},
+        "additionalProperties": False, "anyOf": [{"required": ["sensor"]}, {"required": ["label"]}],
+    }  # fmt: skip
+    return _list({"anyOf": [name, table]}) | {"minItems": 1, "description": "sensors, each many camera quantities at once"}
 
 
 def _about() -> dict[str, Any]:

@@ -10,8 +10,8 @@ import tifffile
 from PIL import Image, ImageFile, ImageOps
 
 from etendue.physics.colour.encoding import srgb_encode
+from etendue.picture_files import MOST_PIXELS, read_picture
 from etendue.registry import installed_stages
-from etendue.stages.scene.picture import MOST_PIXELS, read_picture
 
 SHAPE = (6, 9)
 

@@ -143,7 +143,6 @@ def test_a_sensor_has_more_sides_than_a_pipeline_asks_for_and_that_is_no_warning
         ({"camera.sensor": "sony-imx17"}, "camera.sensor", "did you mean 'sony-imx174'"),
         ({"camera.sensor": "film"}, "camera.sensor", "there is no sensor 'film'"),
         ({"camera.sensor": 5}, "camera.sensor", "expected the name of a sensor"),
-        ({"sweep.sensor": ["sony-imx174", "paper-ccd"]}, "sweep.sensor", "--set camera.sensor=NAME"),
     ],
 )
 def test_a_sensor_that_is_none_is_a_fault_with_a_way_out(overrides, place, says):

@@ -21,10 +21,12 @@ from etendue.errors import ArchiveError
 from etendue.plan.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.parameters import resolve_file
+from etendue.plan.sensors import SENSOR
 from etendue.registry import installed_stages
 from etendue.spec import toml
 from etendue.spec.parameter import Parameter
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.presets import preset
 from etendue.spec.stage import file_behind, file_state, parameters_of
 
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
@@ -73,11 +75,19 @@ class _Resolver:
     def table(self, values: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
+    def sensor(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        """A sensor of an axis, with what its name stands for written out: another version may say otherwise."""
+        named = preset(table[SENSOR]).values() if SENSOR in table else {}
+        known = {name: value for name, value in named.items() if name in self.camera and name not in self.pipeline.camera}
+        return {name: self.value(value, self.camera.get(name, (None,))[0]) for name, value in {**known, **table}.items()}
+
     def axis(self, key: str, values: Any) -> Any:
         stage, _, name = key.partition(".")
         if name == "use" and isinstance(values, list | tuple):
             registry = installed_stages()
             return [v if isinstance(v, str) else self.table(v, parameters_of(registry.load(v["use"]))) for v in values]
+        if key == SENSOR and isinstance(values, list | tuple):
+            return [self.sensor({SENSOR: v} if isinstance(v, str) else v) for v in values]
         own = self.kinds.get(stage, {}) if name else self.camera
         parameter = own.get(name or key, (None,))[0]
         if isinstance(values, Mapping):
@@ -104,9 +114,10 @@ def resolve_pipeline(plan: Plan) -> Resolved:
     if said := pipeline.about.document():
         document["about"] = said
     # what the sensor's name stands for is written out: another version may say otherwise
-    sensor = {name: value for name, value in pipeline.preset.items() if name in found.camera and name not in pipeline.sweep}
+    stated = {} if SENSOR in pipeline.sweep else pipeline.preset
+    sensor = {name: value for name, value in stated.items() if name in found.camera and name not in pipeline.sweep}
     camera = found.table({**sensor, **pipeline.camera}, found.camera)
-    document["camera"] = ({"sensor": pipeline.sensor} if pipeline.sensor else {}) | camera
+    document["camera"] = ({"sensor": pipeline.sensor} if pipeline.sensor and SENSOR not in pipeline.sweep else {}) | camera
     document["stages"] = [
         {"use": entry.use, "name": entry.name, **({"from": dict(entry.origin)} if entry.origin else {}),
          **found.table(entry.values, found.kinds[entry.name])}

@@ -17,7 +17,7 @@ from etendue.archive.provenance import records
 from etendue.archive.store import Archive
 from etendue.errors import ArchiveError
 from etendue.plan.model import CellRef, Node, Plan
-from etendue.plan.resume import with_stored_values
+from etendue.plan.resume import is_of_names, with_stored_values
 
 
 def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[str], int]:
@@ -28,7 +28,7 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
     ArchiveError
         It was made with other stages or axes; finished results would be lost, and nobody has asked for that.
     """
-    swapped = any(axis.key.endswith(".use") for axis in asked.axes)
+    swapped = any(is_of_names(axis.key) for axis in asked.axes)
     sweeps = [sweep_of(record, store.folder) for record in records(store.folder)] if swapped else []
     plan = with_stored_values(asked, store.journal.axes, sweeps)
     if not same_cells(asked, plan):

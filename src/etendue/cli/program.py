@@ -18,6 +18,7 @@ from etendue.cli import (
     information,
     measuring,
     pages,
+    photographs,
     plots,
     runs,
     stability,
@@ -112,6 +113,7 @@ def main() -> None:
     etendue quality FILE                    every camera of a sweep against the ideal one
     etendue noise FILE                      noise behind every stage, predicted and found
     etendue emva FILE                       a sensor measured after EMVA 1288, beside what it should be
+    etendue measure PICTURE                 a photograph of your own: MTF, noise, ColorChecker
     etendue information FILE                bits a pixel of fine detail, and where they are lost
     etendue losses FILE                     which stage is owed the lost contrast, SNR and colour
     etendue accuracy FILE                   error against run time, of every knob and of combinations
@@ -128,6 +130,7 @@ for _command in (
     *(runs.plan, runs.run, runs.rerun, runs.archive),
     *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
     *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
+    photographs.measure,
     *(information.information, information.losses),
     *(stability.stability, pages.report, pages.view, exports.export, plots.plot, compacting.compact),
     *(beginnings.new, beginnings.new_plugin, imports.take),

@@ -14,6 +14,7 @@ from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, axis_values
 from etendue.plan.quantities import Quantities
 from etendue.plan.request import Request
+from etendue.plan.sensors import SENSOR
 from etendue.spec import camera as standard_camera
 from etendue.spec.parameter import Parameter
 from etendue.spec.stage import parameters_of
@@ -39,6 +40,13 @@ def resolve_axes(
     for key, value in request.pipeline.sweep.items():
         if key in by_key:
             ordered.append(by_key[key])
+            continue
+        if key == SENSOR:
+            if camera.sensors is not None:
+                ordered.append(camera.sensors)
+                for name in camera.sensors.gives:
+                    for user in users_of(name, entries):
+                        direct.setdefault(user, []).append((camera.sensors.dim, name))
             continue
         target = _parameter_of(request, key, entries, camera) if "." in key else _quantity_of(request, key, entries, camera)
         if target is None:
@@ -97,6 +105,10 @@ def _quantity_of(request: Request, key: str, entries: Entries, camera: Quantitie
             request.fault(place, f"there is nothing named {key!r} to sweep{nearest(key, known)}")
         return None
     one = camera.declared[key]
-    users = [s for s, made in entries.items() if any(key in parameters_of(o.kind) for o in made)]
     dim = f"camera_{key}" if key in camera.written else key  # the name of a variable is that variable's
-    return _Target(one.parameter, one.kind, dim, key, users)
+    return _Target(one.parameter, one.kind, dim, key, users_of(key, entries))
+
+
+def users_of(quantity: str, entries: Entries) -> list[str]:
+    """The stages that take a camera quantity."""
+    return [stage for stage, made in entries.items() if any(quantity in parameters_of(one.kind) for one in made)]

@@ -109,7 +109,7 @@ class _Expansion:
                 values[name] = self.graph.camera[name]
         for dim, name in node.direct:
             if name in values:
-                values[name] = self.axes[dim].values[index[dim]]
+                values[name] = self.axes[dim].value(name, index[dim])
         values.update({one.name: one for one in found})
         try:
             stage = asking.made(one.kind, values)
@@ -166,8 +166,9 @@ class _Expansion:
                 index = {dim: 0 for dim in self.axes}
                 if node.use_axis:
                     index[node.use_axis] = position
-                for combination in itertools.product(*(range(len(self.axes[d].values)) for d, _ in node.direct)):
-                    index.update({d: i for (d, _), i in zip(node.direct, combination, strict=True)})
+                dims = list(dict.fromkeys(dim for dim, _ in node.direct))
+                for combination in itertools.product(*(range(len(self.axes[dim].values)) for dim in dims)):
+                    index.update(zip(dims, combination, strict=True))
                     facts, _ = self.describe(node, self.stage_at(node, position, index))
                     if facts.contrast is None or 2e-7 * facts.contrast > self.choice.tolerance:
                         return "float64"

@@ -115,11 +115,11 @@ def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
 
 def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: Mapping[str, Any]) -> None:
     """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
-    first = {axis.dim: axis.values[0] for axis in axes if axis.values}
+    first = {axis.dim: axis for axis in axes if axis.values}
     for node in nodes:
         for one in node.alternatives:
             shared = {name: camera.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.camera}
-            swept = {name: first[dim] for dim, name in node.direct if dim in first and name in parameters_of(one.kind)}
+            swept = {name: first[dim].value(name, 0) for dim, name in node.direct if dim in first and name in parameters_of(one.kind)}
             found = {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found if name in quantities_of(one.kind)}
             values = {**shared, **one.values, **swept, **found}
             if any(value is None for value in values.values()):

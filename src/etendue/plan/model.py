@@ -30,6 +30,11 @@ class Axis:
     dim: str
     values: tuple[Any, ...]  # floats, ints or texts; labels where a stage is swapped
     units: str = ""
+    gives: Mapping[str, tuple[Any, ...]] = field(default_factory=dict, hash=False)  # by parameter: names of many at once
+
+    def value(self, name: str, position: int) -> Any:
+        """What a parameter is at a position."""
+        return self.gives[name][position] if name in self.gives else self.values[position]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,10 @@ from typing import Any, NamedTuple
 
 from etendue.errors import nearest
 from etendue.plan.alternatives import Entries, meaning
+from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.request import Request
+from etendue.plan.sensors import SENSOR, sensor_axis
 from etendue.spec import camera as standard_camera
 from etendue.spec.found import Found
 from etendue.spec.parameter import MISSING, Parameter
@@ -37,13 +39,16 @@ class Quantities:
     declared: Mapping[str, Declared]
     values: dict[str, Any]  # None where a required one is lacking, or swept
     written: frozenset[str]  # those that a stage of the pipeline writes
+    sensors: Axis | None = None  # where the sensor is swept
 
 
 def resolve_camera(request: Request, entries: Entries) -> Quantities:
     """The camera's values, for all stages at once."""
     declared = _declared_by(request, entries)
     written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
-    return Quantities(declared, _values_of(request, declared, written), written)
+    axis = sensor_axis(request, declared)
+    settled = set(axis.gives if axis else declared if SENSOR in request.pipeline.sweep else ())
+    return Quantities(declared, _values_of(request, declared, written, settled), written, axis)
 
 
 def to_be_found(name: str, parameter: Parameter, ends: tuple[float | None, float | None] = (None, None)) -> Found:
@@ -70,10 +75,11 @@ def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
     return declared
 
 
-def _values_of(request: Request, declared: Mapping[str, Declared], written: frozenset[str]) -> dict[str, Any]:
+def _values_of(request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_sensor: set[str]) -> dict[str, Any]:
     pipeline = request.pipeline
     values: dict[str, Any] = {}
-    given = {**pipeline.preset, **pipeline.camera}
+    given = {**({} if SENSOR in pipeline.sweep else pipeline.preset), **pipeline.camera}
+    swept = {*pipeline.sweep, *by_sensor}
     for name, value in given.items():
         if name not in declared:
             if name not in pipeline.camera:
@@ -90,7 +96,7 @@ def _values_of(request: Request, declared: Mapping[str, Declared], written: froz
             request.fault(f"camera.{name}", str(error))
     for name, one in declared.items():
         if name not in given:
-            if one.default is MISSING and name not in pipeline.sweep and name not in written:
+            if one.default is MISSING and name not in swept and name not in written:
                 request.fault(f"camera.{name}", f"{one.use} needs it under [camera]: {meaning(one.parameter)}")
             values[name] = None if one.default is MISSING else one.default
     return values

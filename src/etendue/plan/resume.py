@@ -13,6 +13,7 @@ from typing import Any
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
+from etendue.plan.sensors import SENSOR
 from etendue.registry import installed_stages
 
 
@@ -43,7 +44,7 @@ def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]
     extra: dict[str, list[Any]] = {}
     for axis in plan.axes:
         earlier = dict.fromkeys(v for axes in stored.values() for v in axes.get(axis.dim, ()) if v not in axis.values)
-        if axis.key.endswith(".use"):
+        if is_of_names(axis.key):
             found = [_table(axis.key, label, sweeps) for label in earlier]
             earlier = {}
             extra[axis.key] = [table for table in found if table is not None]
@@ -65,7 +66,7 @@ def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mappi
     for axis in plan.axes:
         if axis.key not in extra:
             continue
-        if axis.key.endswith(".use"):
+        if is_of_names(axis.key):
             sweep[axis.key] = [*sweep[axis.key], *extra[axis.key]]
         else:
             known = {v for axes in stored.values() for v in axes.get(axis.dim, ())}
@@ -78,12 +79,17 @@ def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mappi
         return None
 
 
+def is_of_names(key: str) -> bool:
+    """Whether the values of an axis are names, of stages or sensors: their tables say what they stand for."""
+    return key.endswith(".use") or key == SENSOR
+
+
 def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
     """What stood for a label of a swapped stage in the newest sweep that had it."""
     for sweep in sweeps:
         values = sweep.get(key)
         for one in values if isinstance(values, list) else ():
-            if label == (one.get("label", one.get("use")) if isinstance(one, dict) else one):
+            if label == (one.get("label", one.get("use", one.get("sensor"))) if isinstance(one, dict) else one):
                 return one
     return None
 

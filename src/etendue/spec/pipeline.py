@@ -314,9 +314,6 @@ def _plain(name: str) -> bool:
 
 def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
     """The sensor that ``[camera]`` names, and the values it stands for; the name itself is no camera quantity."""
-    if "sensor" in tables["sweep"]:
-        tables["sweep"] = {key: value for key, value in tables["sweep"].items() if key != "sensor"}
-        faults.append(Fault("sweep.sensor", "a sensor is many values at once and no axis; run once for each: --set camera.sensor=NAME"))
     name = tables["camera"].get("sensor", "")
     tables["camera"] = {key: value for key, value in tables["camera"].items() if key != "sensor"}
     if not isinstance(name, str):

@@ -14,10 +14,12 @@ from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.plan.model import Node
+from etendue.plan.sensors import SENSOR
 from etendue.registry import Registry
 from etendue.spec import camera
 from etendue.spec.capabilities import Probe, is_transfer
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.presets import preset
 from etendue.spec.roles import REFERENCE
 from etendue.spec.stage import reads_of, writes_of
 
@@ -33,6 +35,11 @@ class Asked:
     def stage(self) -> str:
         """Name of the stage, '' where a camera quantity is the axis."""
         return self.key.rpartition(".")[0]
+
+    @property
+    def named(self) -> bool:
+        """Whether its values are names, of stages or sensors."""
+        return self.swaps or self.key == SENSOR
 
     @property
     def swaps(self) -> bool:
@@ -100,6 +107,8 @@ def check_axis(asked: Asked, pipeline: Pipeline) -> None:
     place = f"--axis {asked.key}"
     if not asked.stage and asked.key in names and asked.values is None:
         raise RequestError([Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file)
+    if asked.key == f"camera.{SENSOR}" and "camera" not in names:
+        raise RequestError([Fault(place, f"the sensor is an axis by its own name: --axis {SENSOR}=NAME,NAME,..")], pipeline.file)
     if asked.stage == "camera" and "camera" not in names:
         own = asked.key.removeprefix("camera.")
         raise RequestError([Fault(place, f"a camera quantity is an axis by its own name: --axis {own}=VALUE,VALUE,..")], pipeline.file)
@@ -107,7 +116,7 @@ def check_axis(asked: Asked, pipeline: Pipeline) -> None:
         uses = {entry.use: entry.name for entry in pipeline.stages}
         hint = f"; {asked.stage} is named {uses[asked.stage]!r} here" if asked.stage in uses else nearest(asked.stage, names)
         raise RequestError([Fault(place, f"there is no stage named {asked.stage!r}{hint}")], pipeline.file)
-    if asked.values is None and not asked.swaps:
+    if asked.values is None and not asked.swaps and asked.key != SENSOR:
         known = "" if asked.stage or asked.key in camera.names() else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
         raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file)
 
@@ -165,7 +174,10 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
     Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it holds; where it gives
     none, the first value of the sweep does.
     """
-    camera, entries, at = dict(pipeline.camera), {e.name: e for e in pipeline.stages}, {}
+    at: dict[str, Any] = {}
+    if SENSOR in pipeline.sweep:
+        at[SENSOR], pipeline = _of_one_sensor(pipeline)
+    camera, entries = dict(pipeline.camera), {e.name: e for e in pipeline.stages}
     for key, written in pipeline.sweep.items():
         stage, _, name = key.rpartition(".")
         own = own_value(pipeline, key)
@@ -185,10 +197,25 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
     return replace(pipeline, camera=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at
 
 
+def _of_one_sensor(pipeline: Pipeline) -> tuple[str, Pipeline]:
+    """A pipeline with the sensor that its camera names, or else the first of its sweep; and what that is called."""
+    written, rest = pipeline.sweep[SENSOR], {key: value for key, value in pipeline.sweep.items() if key != SENSOR}
+    alone = replace(pipeline, sweep=rest)
+    if pipeline.sensor or not isinstance(written, list | tuple) or not written:
+        return pipeline.sensor, alone
+    table = {SENSOR: written[0]} if isinstance(written[0], str) else written[0]
+    if not isinstance(table, Mapping):
+        return "", pipeline  # a fault, which the planner reports
+    own = {name: value for name, value in table.items() if name not in (SENSOR, "label")}
+    name = str(table.get(SENSOR, ""))
+    alone = replace(alone, sensor=name, preset=preset(name).values() if name else {}, camera={**pipeline.camera, **own})
+    return str(table.get("label", name)), alone
+
+
 def own_value(pipeline: Pipeline, key: str) -> Any:
     """What a file gives for an axis beside its sweep, as written; None where it gives nothing."""
     stage, _, name = key.rpartition(".")
     if not stage:
-        return pipeline.camera.get(name, pipeline.preset.get(name))
+        return pipeline.sensor or None if key == SENSOR else pipeline.camera.get(name, pipeline.preset.get(name))
     entry = next((e for e in pipeline.stages if e.name == stage), None)
     return None if entry is None else entry.use if name == "use" else entry.values.get(name)

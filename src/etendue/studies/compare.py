@@ -22,6 +22,7 @@ from etendue.errors import Fault, RequestError
 from etendue.physics.colour.matrices import D65_XY, xyz_from_xy
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
+from etendue.plan.sensors import SENSOR
 from etendue.registry import Registry, installed_stages
 from etendue.run.cell import compute
 from etendue.run.jobs import make_jobs
@@ -29,6 +30,7 @@ from etendue.run.segments import Result
 from etendue.session import Options, execute
 from etendue.spec.capabilities import Viewed, is_source, is_transfer
 from etendue.spec.pipeline import Pipeline
+from etendue.spec.presets import preset_names
 from etendue.studies import edge
 from etendue.studies.axis import Asked, candidates, check_axis, check_writes, labels_of, own_value, without_sweep
 from etendue.studies.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
@@ -104,7 +106,9 @@ def compare(
         raise RequestError([Fault(f"--axis {asked.key}", f"{asked.stage} has no effect here: {what}")], pipeline.file)
     notes: list[str] = []
     values: Any = asked.values
-    if values is None:
+    if values is None and asked.key == SENSOR:
+        values = preset_names()
+    elif values is None:
         found, broken = candidates(next(n for n in nodes if n.name == asked.stage), registry)
         values, notes = tuple(found), [f"not looked at: {text}" for text in broken]
         if len(found) == 1:
@@ -121,7 +125,7 @@ def compare(
         ready()
     outcome = execute(plan, None, options, progress(plan) if progress else None)
     reader = Reader(plan, outcome, asked, branched)
-    texts = reader.axis.values if asked.swaps else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
+    texts = reader.axis.values if asked.named else labels_of(values if isinstance(values, tuple) else reader.axis.values, reader.axis.units)
     measured = [_row(reader, branched, i, str(text), repeat) for i, text in enumerate(texts)]
     if edges and any(row.status == "done" for row in measured):
         whites = (reader.of(("white", writer(nodes, "white")), i) for i in range(reader.count))

@@ -26,7 +26,7 @@ from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
-from etendue.plan.resume import with_stored_values
+from etendue.plan.resume import is_of_names, with_stored_values
 from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec.ports import CellReport, Progress
@@ -144,7 +144,7 @@ def _held_against(
 
 def _plan_of(plan: Plan, stored: Stored) -> Plan:
     """The plan over the axis values of all runs, which keeps what is stored."""
-    swapped = any(axis.key.endswith(".use") for axis in plan.axes)
+    swapped = any(is_of_names(axis.key) for axis in plan.axes)
     sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
     there = stored.variables()

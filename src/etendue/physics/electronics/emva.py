@@ -14,22 +14,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-BLOCKS = 8  # along y and along x: 64 groups of pixels
+from etendue.physics.electronics.jackknife import BLOCKS, Estimate, Jackknife, left_out
+
 QUANTISATION = 1 / 12  # DN^2
 LEAST_DARK_VARIANCE = 0.24  # DN^2: below, quantisation hides the read noise (EMVA 1288)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A measured value and its confidence interval; NaN where the frames do not hold it."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
-
-    def __str__(self) -> str:
-        return f"{self.value:.6g} [{self.low:.6g}, {self.high:.6g}] {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -131,7 +119,7 @@ def measure(
     time = np.asarray(times, dtype=float)
     _check(time, light, dark, confidence)
     y, d = _moments(light), _moments(dark)
-    interval = _Jackknife(confidence)
+    interval = Jackknife(confidence)
     signal, excess = y.mean - d.mean, y.variance - d.variance
 
     peak = int(np.argmax(y.variance[0]))
@@ -227,27 +215,6 @@ def saturation_of_well(full_well: float, prnu: float = 0.0) -> float:
     return float(charge[np.argmax(variance)])
 
 
-class _Jackknife:
-    """Intervals from the estimate of all pixels (first) and those with each group left out."""
-
-    def __init__(self, confidence: float) -> None:
-        self.t = float(scipy.special.stdtrit(BLOCKS**2 - 1, 0.5 + 0.5 * confidence))
-
-    def error(self, values: NDArray) -> float:
-        left_out = values[1:]
-        return float(np.sqrt((left_out.size - 1) * np.mean((left_out - left_out.mean()) ** 2)))
-
-    def of(self, values: NDArray, unit: str) -> Estimate:
-        value, wide = float(values[0]), self.t * self.error(values)
-        return Estimate(value, value - wide, value + wide, unit)
-
-    def root(self, squares: NDArray, unit: str) -> Estimate:
-        """Of the root of a variance, which may have come out negative."""
-        square, wide = float(squares[0]), self.t * self.error(squares)
-        low, value, high = np.sqrt(np.maximum([square - wide, square, square + wide], 0.0))
-        return Estimate(float(value), float(low), float(high), unit)
-
-
 def _check(time: NDArray, light: Sequence[ArrayLike], dark: Sequence[ArrayLike], confidence: float) -> None:
     if time.ndim != 1 or time.size < 4 or not np.all(time > 0) or not np.all(np.diff(time) > 0):
         raise ValueError(f"times are {time!r} s; allowed are four or more, above 0 and rising")
@@ -274,10 +241,10 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
         centre = values.mean()
         values = values - centre  # so that sums of squares keep their digits
         still = values.mean(axis=0)
-        n = _left_out(np.ones_like(still))
-        total, squares = _left_out(still), _left_out(still**2)
-        moving = _left_out(values.var(axis=0, ddof=1))
-        drift = np.stack([_left_out(frame) for frame in values], axis=1) / n[:, None]
+        n = left_out(np.ones_like(still))
+        total, squares = left_out(still), left_out(still**2)
+        moving = left_out(values.var(axis=0, ddof=1))
+        drift = np.stack([left_out(frame) for frame in values], axis=1) / n[:, None]
         mean = total / n
         # offsets of whole frames are no noise of pixels; taking their variance out takes 1/n of the noise with it
         variance = (moving / n - drift.var(axis=1, ddof=1)) * n / (n - 1)
@@ -286,14 +253,6 @@ def _moments(stacks: Sequence[ArrayLike]) -> _Levels:
         spatials.append((squares - n * mean**2) / (n - 1) - variance / count)
         frames.append(count)
     return _Levels(np.stack(means, axis=1), np.stack(variances, axis=1), np.stack(spatials, axis=1), np.array(frames))
-
-
-def _left_out(plane: NDArray) -> NDArray:
-    """Sum over all pixels, then over all but each block: (1 + 64,)."""
-    edges = [np.linspace(0, size, BLOCKS + 1).astype(int)[:-1] for size in plane.shape]
-    blocks = np.add.reduceat(np.add.reduceat(plane, edges[0], axis=0), edges[1], axis=1).ravel()
-    total = blocks.sum()
-    return np.concatenate([[total], total - blocks])
 
 
 def _slope(signal: NDArray, excess: NDArray, used: NDArray, y: _Levels, d: _Levels) -> NDArray:

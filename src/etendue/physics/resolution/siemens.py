@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from etendue.physics.resolution.crossing import falls_to
-from etendue.physics.resolution.edge_line import FloatArray
+from etendue.physics.resolution.edge_line import FloatArray, Sites
 
 NYQUIST = 0.5
 RING = 0.02  # width of a ring, of its radius
@@ -55,6 +55,7 @@ def star_response(
     refine: bool = True,
     contrast: float | None = None,
     highest: float = 0.7,
+    sites: ArrayLike | None = None,
 ) -> StarResponse:
     """Measure the response of whatever made a picture of a sinusoidal star.
 
@@ -75,6 +76,8 @@ def star_response(
         to towards frequency 0, by a parabola through their logarithms.
     highest : float, cycles/pixel
         Up to 1; the innermost ring has it.
+    sites : (y, x) array of bool or None
+        The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of the picture.
 
     Returns
     -------
@@ -96,17 +99,20 @@ def star_response(
     Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
     """
     image = np.asarray(picture, np.float64)
+    mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
     _check(image, cycles, radius, contrast, highest)
+    if mask.shape != image.shape:
+        raise ValueError(f"sites has shape {mask.shape}; allowed is the picture's shape {image.shape}")
     place: FloatArray = np.array(centre if centre is not None else (0.5 * (image.shape[0] - 1), 0.5 * (image.shape[1] - 1)), np.float64)
     inner, outer = max(cycles / (2 * np.pi * highest), 1.0), 0.95 * radius
     edges = _edges(inner, outer)
     if len(edges) < 5:
         raise ValueError(f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings")
     if refine:
-        place = _refined(image, place, cycles, edges)
+        place = _refined(image, mask, place, cycles, edges)
     if np.any(place - outer < -0.5) or np.any(place + outer > np.array(image.shape) - 0.5):
         raise ValueError(f"radius is {radius}; allowed is a star inside the picture {image.shape} about its centre {tuple(place)}")
-    rings = _rings(image, place, cycles, edges)
+    rings = _rings(image, mask, place, cycles, edges)
     amplitude = np.sqrt(np.maximum(rings.b**2 + rings.c**2 - 2 * rings.variance, 0.0))
     modulation = amplitude / rings.mean
     doubt = np.sqrt(rings.variance) / np.abs(rings.mean)
@@ -115,7 +121,7 @@ def star_response(
     frequency, modulation, doubt = frequency[order], modulation[order], doubt[order]
     if not modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt):
         raise ValueError("picture shows no star that can be measured; allowed is a star of that many cycles about that centre")
-    full = contrast if contrast is not None else _at_zero(frequency, modulation, doubt)
+    full = contrast if contrast is not None else at_zero(frequency, modulation, doubt)
     sfr = modulation / full
     mtf50, mtf10 = (falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
     return StarResponse(
@@ -166,12 +172,12 @@ class _Rings:
     sine: FloatArray
 
 
-def _rings(image: FloatArray, place: FloatArray, cycles: int, edges: FloatArray) -> _Rings:
+def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> _Rings:
     """Mean, cosine and sine of every ring by least squares."""
     y, x = np.arange(image.shape[0])[:, None] - place[0], np.arange(image.shape[1])[None, :] - place[1]
     distance = np.hypot(y, x)
     ring = np.searchsorted(edges, distance) - 1
-    inside = (ring >= 0) & (ring < len(edges) - 1)
+    inside = mask & (ring >= 0) & (ring < len(edges) - 1)
     counts = np.bincount(ring[inside], minlength=len(edges) - 1)
     inside &= (counts >= FEWEST)[np.clip(ring, 0, len(edges) - 2)]
     used = np.unique(ring[inside])
@@ -198,10 +204,10 @@ def _rings(image: FloatArray, place: FloatArray, cycles: int, edges: FloatArray)
     return _Rings(frequency, found[:, 0], found[:, 1], found[:, 2], variance, residual, own, y, x, rest, waves[1], waves[2])
 
 
-def _refined(image: FloatArray, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
+def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
     """Move the centre to where the sines of all rings have one phase and leave least."""
     for _ in range(ROUNDS):
-        rings = _rings(image, place, cycles, edges)
+        rings = _rings(image, mask, place, cycles, edges)
         phase = np.angle((rings.b + 1j * rings.c).sum())
         size = np.maximum(rings.b * np.cos(phase) + rings.c * np.sin(phase), 0.0)[rings.ring]
         turned = cycles * size * (np.cos(phase) * rings.sine - np.sin(phase) * rings.cosine)
@@ -217,7 +223,7 @@ def _refined(image: FloatArray, place: FloatArray, cycles: int, edges: FloatArra
     return place
 
 
-def _at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -> float:
+def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -> float:
     """What the modulation tends to towards frequency 0: exp of a parabola through the logarithms of the outer rings."""
     low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (modulation > 3 * doubt)
     if low.sum() < 4:

@@ -18,9 +18,9 @@ from etendue import spectra
 from etendue.api import Facts, param
 from etendue.physics.colour.encoding import srgb_decode
 from etendue.physics.scene import resampling
+from etendue.picture_files import MOST_PIXELS, read_picture
 from etendue.spec.bounds import beyond
 from etendue.stages.scene.charts import Scene
-from etendue.stages.scene.picture import MOST_PIXELS, read_picture
 
 
 def _linear_photograph(path: str, rows: int, columns: int) -> Any:

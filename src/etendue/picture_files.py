@@ -35,8 +35,8 @@ class Picture:
     note: str = ""
 
 
-def read_picture(path: str) -> Picture:
-    """The picture of a file, the way up that the file says.
+def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
+    """The picture of a file of at most so many pixels, the way up that the file says.
 
     Raises
     ------
@@ -49,20 +49,20 @@ def read_picture(path: str) -> Picture:
     try:
         with open(path, "rb") as file:
             if file.read(4) in _TIFF:
-                return _tiff(path)
+                return _tiff(path, most)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
         if kind not in ("PNG", "JPEG", "MPO"):
             raise ValueError(f"{path} is a {kind} picture; allowed are {ALLOWED}")
-        _check_size(path, size[0] * size[1])
+        _check_size(path, size[0] * size[1], most)
         return _plain(path)
     except UnidentifiedImageError:
         raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
     except Image.DecompressionBombError as error:
         pixels = re.search(r"\((\d+) pixels\)", str(error))
-        _check_size(path, int(pixels[1]) if pixels else 10 * MOST_PIXELS)
+        _check_size(path, int(pixels[1]) if pixels else 10 * most, most)
         raise ValueError(f"{path} cannot be read: {error}") from None
     except ValueError as error:
         text = str(error) if str(error).startswith(path) else f"{path} cannot be read as a picture: {error}"
@@ -73,8 +73,9 @@ def read_picture(path: str) -> Picture:
         raise ValueError(f"{path} is damaged: {type(error).__name__}: {' '.join(str(error).split())[:150]}") from None
 
 
-def _check_size(path: str, pixels: int) -> None:
-    too_many = beyond(pixels, "pixels", MOST_PIXELS, "reduce the picture first: a scene is drawn on a grid of its own")
+def _check_size(path: str, pixels: int, most: int) -> None:
+    way_out = "reduce the picture first: a scene is drawn on a grid of its own" if most == MOST_PIXELS else "cut out what is to be seen"
+    too_many = beyond(pixels, "pixels", most, way_out)
     if too_many:
         raise ValueError(f"{path} has {too_many}")
 
@@ -151,7 +152,7 @@ def _colour_note(info: Any) -> str:
     return ""
 
 
-def _tiff(path: str) -> Picture:
+def _tiff(path: str, most: int) -> Picture:
     import logging
 
     import tifffile
@@ -162,7 +163,7 @@ def _tiff(path: str) -> Picture:
         if len(pages) != 1:
             raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
         page = pages[0].aspage()
-        _check_size(path, page.imagelength * page.imagewidth)
+        _check_size(path, page.imagelength * page.imagewidth, most)
         colours = page.photometric.name if hasattr(page.photometric, "name") else str(page.photometric)
         kind = page.dtype
         turn = int(page.tags.valueof(274, 1))

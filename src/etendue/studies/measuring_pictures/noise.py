@@ -1,0 +1,73 @@
+"""Noise of even patches in a photograph: in linear light and in the file's own numbers.
+
+In:  a photograph, a region.
+Out: a row for each channel: mean, sigma and SNR, each with an interval.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from etendue.errors import RequestError
+from etendue.physics.quality.patch_noise import PatchNoise, patch_noise
+from etendue.studies.measuring_pictures.photograph import Photograph
+from etendue.studies.measuring_pictures.regions import window
+
+CLIPPED = 1e-3  # share of pixels from which on a patch is refused
+SLOPE = 0.5  # change over the patch, of its mean
+TIMES = 4.0  # rms of the means of blocks over what noise of independent pixels gives; and besides, as a share
+UNEVEN, MOST = 0.02, 0.7  # of the mean, or of the noise itself
+
+
+def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict[str, Any]:
+    """One patch.
+
+    Raises
+    ------
+    RequestError
+        A region outside the picture, too small, clipped or not even.
+    """
+    place = window("--noise", text, photograph.columns, photograph.rows)
+    what = f"--noise {place}"
+    clipped = float(photograph.clipped(place.cut).mean())
+    if clipped > CLIPPED:
+        raise RequestError(
+            f"{what}: {100 * clipped:.1f} % of the patch is clipped, which hides its noise; take one that is neither black nor white"
+        )
+    luminance = () if photograph.is_raw or len(photograph.names) == 1 else ("luminance",)
+    rows = []
+    for name in (*photograph.names, *luminance):
+        plane, sites = photograph.linear(name, place.cut)
+        try:
+            found = patch_noise(plane, sites, confidence)
+            own = None
+            if name != "luminance":
+                unit = "DN"
+                number = max(photograph.names.index(name), 0) if not photograph.is_raw else 0
+                own = patch_noise(photograph.values[place.cut][..., number], sites, confidence, unit)
+        except ValueError as error:
+            raise RequestError(f"{what}: {error}") from None
+        _check_even(what, name, found)
+        rows.append({"channel": name, "linear": _said(found), "encoded": _said(own) if own is not None else None})
+    return {"region": str(place), "clipped": clipped, "channels": rows}
+
+
+def _check_even(what: str, name: str, found: PatchNoise) -> None:
+    if found.slope > SLOPE:
+        raise RequestError(f"{what}: the patch is not even: {name} changes by {100 * found.slope:.0f} % of its mean over it")
+    blocks = found.uneven * abs(found.mean.value)
+    if found.uneven > TIMES * found.uneven_white and (found.uneven > UNEVEN or blocks > MOST * found.sigma.value):
+        raise RequestError(
+            f"{what}: the patch is not even: parts of it differ by {100 * found.uneven:.1f} % rms in {name}, beside its noise"
+        )
+
+
+def _said(found: PatchNoise) -> dict[str, Any]:
+    snr = asdict(found.snr)
+    return {
+        "mean": asdict(found.mean), "sigma": asdict(found.sigma), "snr": snr,
+        "snr_db": {key: 20 * math.log10(snr[key]) if snr[key] > 0 else math.nan for key in ("value", "low", "high")},
+        "slope": found.slope, "uneven": found.uneven,
+    }  # fmt: skip
