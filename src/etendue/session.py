@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
 from etendue.plan.machine import check_machine
 from etendue.plan.model import CellRef, Plan
+from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
+from etendue.plan.resume import Work
 from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
@@ -52,14 +54,14 @@ class Outcome:
     """What a run did."""
 
     plan: Plan
-    reports: dict[CellRef, CellReport]
+    reports: Reports
     reused: set[CellRef]
     seconds: float
     reasons: dict[str, str] = field(default_factory=dict)
     archive: Path | str | None = None
     tree: Any = None
     pictures: list[Path] = field(default_factory=list)
-    arrays: dict[CellRef, dict[str, Any]] = field(default_factory=dict)
+    arrays: Mapping[CellRef, dict[str, Any]] = field(default_factory=dict)
     shown_at: str = ""  # axis values of the cells in the pictures and headlines
     removed: int = 0  # cells of earlier runs, at other axis values, that would come out differently now
     pruned: int = 0  # finished cells removed because it was asked for
@@ -70,11 +72,11 @@ class Outcome:
 
     @property
     def failed(self) -> list[CellReport]:
-        return [r for r in self.reports.values() if r.status == "failed"]
+        return self.reports.having(FAILED)
 
     @property
     def computed(self) -> int:
-        return sum(r.status in ("done", "left_out") for r in self.reports.values())
+        return self.reports.count(DONE, LEFT_OUT)
 
 
 @dataclass
@@ -158,69 +160,74 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
             work.plan, work.todo, keeper.target, deliver_all=keeper.keeps_arrays, show=show, place=place,
             looks={ref: look.beside(keeper.keeps_arrays, work.plan.kept, ref[0]) for ref, look in looks.items()},
         )  # fmt: skip
-        reports: dict[CellRef, CellReport] = {}
+        reports = Reports(work.plan)
         arrays: dict[CellRef, dict[str, Any]] = {}
         small: dict[CellRef, dict[str, Any]] = {}
         kept = work.plan.kept
 
         def before(batch: Batch) -> None:
-            keeper.starting(job.ref for job in batch.jobs if job.task == "compute")
-            progress.starting(tuple(dict.fromkeys(job.ref[0] for job in batch.jobs)))
+            keeper.starting(ref for ref in batch.refs if ref in work.todo)
+            progress.starting(batch.stages)
 
         def after(batch: Batch, result: BatchResult) -> None:
             fresh = tuple(r for r in result.reports if r.status != "loaded")
             for ref, found in keeper.finished(fresh, result.kept).items():
                 look = looks.get(ref)
-                small[ref] = thumbnails.only(look(found)) if look else {}
-                arrays[ref] = {v: a for v, a in found.items() if v not in small[ref] or (keeper.keeps_arrays and (ref[0], v) in kept)}
-            result.kept.clear()  # the scheduler holds on to its results; what is kept of them stands in its place now
-            reports.update({(r.stage, r.index): r for r in fresh})
+                if look:
+                    small[ref] = thumbnails.only(look(found))
+                own = {v for v in found if (ref[0], v) in kept} if keeper.keeps_arrays else set[str]()
+                if not keeper.keeps_arrays or len(own) < len(found):  # else all of it stands where it is kept
+                    arrays[ref] = {v: a for v, a in found.items() if v in own or v not in small.get(ref, {})}
+            result.kept, result.reports = {}, ()  # the scheduler holds on to its results; what is kept of them stands in its place now
+            reports.take(fresh)
             progress.finished(fresh)
 
         def tabled() -> dict[str, Any]:
-            stored = {**reports, **earlier}
-            return {"ledger": tables.ledger(work.plan, stored), "summary": tables.summary(work.plan, stored)}
+            return {"ledger": tables.ledger(work.plan, reports), "summary": tables.summary(work.plan, reports)}
 
         progress.begin(len(work.todo))
         stop = Stop()
         try:
             interrupts.check()
-            deliver = frozenset(work.todo) if keeper.keeps_arrays else show
+            deliver = work.todo if keeper.keeps_arrays else show
             _run(partition(jobs, options.batch_seconds), deliver, before, after, options, stop, keeper.mark)
         except KeyboardInterrupt:
-            earlier = keeper.earlier(work.reused - set(reports))
+            reports.take(keeper.earlier([ref for ref in work.reused if ref not in reports]))
             keeper.interrupted(tabled(), stop.abandoned)
             raise
         finally:
             progress.end()
-        earlier = keeper.earlier(work.reused - set(reports))
+        earlier = [ref for ref in work.reused if ref not in reports]
+        reports.take(keeper.earlier(earlier))
         there = [ref for ref in shown.values() if ref not in work.todo]
         sheet = None
         if keeper.draws and (arrays or keeper.lacks_pictures(shown.values())):
             small |= {ref: thumbnails.only(looks[ref](found)) for one in there for ref, found in keeper.stored([one]).items()}
-            sheet = pictures.sheet(work.plan, shown, small, at, lambda: _maps(work, keeper, reports, earlier))
-        elif keeper.folder and any(ref in reports for one in small_maps.small_maps(work.plan) for ref in one.cells):
-            sheet = pictures.same_pictures(keeper.folder, lambda: _maps(work, keeper, reports, earlier))
+            sheet = pictures.sheet(work.plan, shown, small, at, lambda: _maps(work, keeper, reports))
+        elif keeper.folder and any(ref in reports and ref in work.todo for one in small_maps.small_maps(work.plan) for ref in one.cells):
+            sheet = pictures.same_pictures(keeper.folder, lambda: _maps(work, keeper, reports))
         arrays.update(keeper.stored(there, figures_only=True))
-        tree, files = keeper.close(tabled(), sheet, any(r.status == "failed" for r in reports.values()))
-    asked = set(work.cells.values())
-    restored = sum(ref not in asked and r.status in ("done", "left_out") for ref, r in reports.items()) if options.restore else 0
-    reports.update({ref: replace(r, status="reused") for ref, r in earlier.items()})
+        standing = keeper.standing(arrays)
+        if work.plan is not plan:
+            standing = {ref: standing[own] for ref, own in work.cells.items() if own in standing}
+        tree, files = keeper.close(tabled(), sheet, reports.count(FAILED) > 0)
+    reports.reuse(ref for ref in earlier if ref in reports)
+    restored = _restored(work, reports) if options.restore else 0
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
-        plan, {ref: _as_asked(reports[own], ref) for ref, own in work.cells.items() if own in reports},
+        plan, reports.of(plan, work.cells),
         {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
-        files, {ref: arrays[own] for ref, own in work.cells.items() if own in arrays}, at, work.removed, work.pruned, work.stay,
+        files, standing, at, work.removed, work.pruned, work.stay,
         work.mended, work.moved, restored,
     )  # fmt: skip
 
 
-def _maps(work: Any, keeper: Keeper, reports: Mapping[CellRef, CellReport], earlier: Mapping[CellRef, CellReport]) -> list[Any]:
+def _maps(work: Work, keeper: Keeper, reports: Reports) -> list[Any]:
     """Maps of figures over the sweep, as they stand on the contact sheet."""
     from etendue.report import small_maps
 
     chosen = small_maps.small_maps(work.plan) if keeper.folder else []
     refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
-    states = {ref: found.status for ref in refs if (found := reports.get(ref) or earlier.get(ref)) is not None}
+    states = {ref: reports[ref].status for ref in refs if ref in reports}
     figures = keeper.stored(
         [ref for ref, state in states.items() if state in ("done", "left_out")], True, frozenset(one.variable for one in chosen)
     )
@@ -242,13 +249,13 @@ def collect(
     found = Collected()
 
     def before(batch: Batch) -> None:
-        progress.starting(tuple(dict.fromkeys(job.ref[0] for job in batch.jobs)))
+        progress.starting(batch.stages)
 
     def after(batch: Batch, result: BatchResult) -> None:
         found.reports.update({(r.stage, r.index): r for r in result.reports})
         found.arrays.update({ref: {v: a for v, a in own.items() if v in chosen[ref]} for ref, own in result.kept.items()})
-        result.kept.clear()
         progress.finished(result.reports)
+        result.kept, result.reports = {}, ()
 
     with interrupts.held(), without_collecting():
         alone = replace(plan, kept=frozenset())
@@ -262,8 +269,10 @@ def collect(
     return found
 
 
-def _as_asked(report: CellReport, ref: CellRef) -> CellReport:
-    return report if report.index == ref[1] else replace(report, index=ref[1])
+def _restored(work: Work, reports: Reports) -> int:
+    """How many cells of earlier runs, which nobody has asked for now, were computed again."""
+    asked = set(work.cells.values())
+    return sum((r.stage, r.index) not in asked for r in reports.having(DONE, LEFT_OUT))
 
 
 def _keeper(archive: str | Path | None, options: Options) -> Keeper:
@@ -278,9 +287,7 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
     )  # fmt: skip
 
 
-def _run(
-    batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None
-) -> None:
+def _run(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None) -> None:
     from threadpoolctl import threadpool_limits
 
     keep_freed_memory()

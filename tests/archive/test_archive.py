@@ -20,7 +20,7 @@ import xarray
 
 from etendue.archive import chunks, finding
 from etendue.archive.journal import read_journal
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.archive.reading import open_archive
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.archive.tiny import index_of, slots_of

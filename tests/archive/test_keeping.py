@@ -244,11 +244,13 @@ def test_the_time_that_is_left_follows_what_cells_of_each_stage_have_taken():
     import time
 
     from etendue.archive.describe import _pace
-    from etendue.archive.journal import Entry, Going, Read
+    from etendue.archive.entries import Entry
+    from etendue.archive.journal import Going, Read
 
     took = {"scene []": 4.0, "pixel [0]": 0.25, "pixel [1]": 0.75}  # 5 s; 8 more pixels of 0.5 s are left
     entries = {cell: Entry("done", "", seconds=seconds) for cell, seconds in took.items()}
-    read = Read(entries, run=Going({"scene": 1, "pixel": 12}, {"scene": 1, "pixel": 10}, set(took)))
+    read = Read(run=Going({"scene": 1, "pixel": 12}, {"scene": 1, "pixel": 10}, set(took)))
+    read.entries.update(entries)
     pace = _pace(read, time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(time.time() - 100)))
     assert pace["rate"] == pytest.approx(3 / 100, rel=0.05)  # the record holds whole seconds
     assert pace["left"] == pytest.approx(100 * 4 / 5, rel=0.05)

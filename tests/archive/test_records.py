@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from etendue.archive import inputs
 from etendue.archive.inputs import copy_inputs, resolve_pipeline
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.cli import main
 from etendue.cli.options import Given
 from etendue.errors import RequestError

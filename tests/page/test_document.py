@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.archive.journal import Entry, Journal
+from etendue.archive.entries import Entry
+from etendue.archive.journal import Journal
 from etendue.page.document import document
 from etendue.page.looks import picture, pictured
 from etendue.page.opened import Opened

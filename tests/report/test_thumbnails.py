@@ -9,7 +9,7 @@ from etendue.physics.scene.resampling import area_weights
 from etendue.physics.sensor import cfa
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
-from etendue.report import thumbnails
+from etendue.report import details, pictures, thumbnails
 from etendue.report.thumbnails import Thumbnail, fitted
 from etendue.session import Options, execute, from_document
 
@@ -91,3 +91,25 @@ def test_pictures_of_stored_cells_are_those_of_fresh_ones(tmp_path):
     assert outcome.computed == 0 and (tmp_path / "a" / "contact_sheet.png").is_file()
     again = xarray.open_datatree(tmp_path / "a" / "data.zarr", engine="zarr")["frames"].preview.values
     assert np.array_equal(first, again)
+
+
+@pytest.mark.parametrize("rows", [24, 280])
+def test_every_picture_has_its_part_whichever_others_are_missing(rows, monkeypatch):
+    """Cells fail, or were computed by a run before: rows that are kept of a picture do not depend on it."""
+    monkeypatch.setattr(details, "BAND", 1)  # of a large one few
+    document = {
+        "name": "partly", "camera": {"pixel_pitch": 3, "f_number": 4, "peak_qe": [0.5, 0.5, 0.5]},
+        "stages": [{"use": "slanted_edge", "name": "scene", "width": 3 * rows, "height": 3 * rows + 600, "spacing": 2,
+                    "white_luminance": 100, "bin_width": 200},
+                   {"use": "irradiance"}, {"use": "pixel", "rows": rows - 4, "columns": rows - 4}],
+        "keep": ["radiance", "irradiance", "photon_rate"],
+    }  # fmt: skip
+    plan = make_plan(from_document(document), installed_stages())
+    shown = {cell.node: cell.ref for cell in plan.cells.values()}
+    random, small = np.random.default_rng(3), {}
+    for ref, look in thumbnails.looks(plan, shown.values()).items():
+        grids = {v: plan.cells[ref].grids[v].shape(declared.dims) for v, declared in plan.node(ref[0]).writes.items()}
+        small[ref] = thumbnails.only({v: view.of(random.random(grids[v], np.float32)) for v, view in look.views.items()})
+    for missing in ((), *((ref,) for ref in small)):
+        frames = pictures.render(plan, shown, {ref: own for ref, own in small.items() if ref not in missing})
+        assert len(frames) == 3 - len(missing) and all(frame.part is not None and frame.part.size for frame in frames)

@@ -6,11 +6,11 @@ Out: the keys that cells had with the libraries of that run; what the journal is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from etendue.archive.journal import Entry
+from etendue.archive.entries import Entry
 from etendue.archive.provenance import in_words
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
@@ -32,8 +32,8 @@ def former_of(plan: Plan, record: Mapping[str, Any]) -> Former:
     return Former(own, in_words(record))
 
 
-def accepted(former: Former, plan: Plan, finished: Mapping[CellRef, Entry]) -> list[tuple[CellRef, Entry]]:
+def accepted(former: Former, plan: Plan, finished: Iterable[tuple[CellRef, Entry]]) -> list[tuple[CellRef, Entry]]:
     """Finished cells of the former platform: they have the keys of this one from now on, and are marked."""
     if not former.platform:
         return []
-    return [(ref, replace(one, key=plan.cells[ref].key, platform=one.platform or former.platform)) for ref, one in finished.items()]
+    return [(ref, replace(one, key=plan.cells[ref].key, platform=one.platform or former.platform)) for ref, one in finished]

@@ -6,17 +6,85 @@ Out: shards in their places, as soon as nothing of them is left to be computed, 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
 from pathlib import Path
 
 from etendue.archive import disk
-from etendue.archive.chunks import Chunk
+from etendue.archive.entries import Files
 from etendue.archive.finding import Finder, State
 from etendue.archive.journal import Journal
 from etendue.archive.shards import Place, Shard, kept_of, part_path, put_shard
 from etendue.spec.ports import Written
 
 Stored = Mapping[tuple[str, int], tuple[Written, Place]]  # chunks by shard and slot: as they were written, where they lie
+Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard
+
+
+class Held(MutableMapping[int, tuple[Written, Place]]):
+    """The chunks that one shard is to hold, by slot, in columns: 60 bytes a chunk, where objects take 400."""
+
+    def __init__(self, path: str, slots: int) -> None:
+        self.path = path
+        self.rows = array("i", [-1]) * max(slots, 1)  # by slot
+        self.written, self.file, self.offset = Files(), array("i"), array("q")
+        self.files: list[str] = []  # in which they lie: few
+
+    def __setitem__(self, slot: int, chunk: tuple[Written, Place]) -> None:
+        one, place = chunk
+        if place.file not in self.files:
+            self.files.append(place.file)
+        file, row = self.files.index(place.file), self.rows[slot]
+        if row >= 0 and self.written[row] == one:
+            self.file[row], self.offset[row] = file, place.offset
+            return
+        self.rows[slot] = len(self.written)
+        self.written.add(one.path, one.slot, one.part, one.offset, one.size, one.digest)
+        self.file.append(file)
+        self.offset.append(place.offset)
+
+    def __getitem__(self, slot: int) -> tuple[Written, Place]:
+        row = self._row(slot)
+        one = self.written[row]
+        return one, Place(self.files[self.file[row]], self.offset[row], one.size, one.digest)
+
+    def __delitem__(self, slot: int) -> None:
+        self._row(slot)
+        self.rows[slot] = -1
+
+    def __iter__(self) -> Iterator[int]:
+        return (slot for slot, _ in self._every())
+
+    def __len__(self) -> int:
+        return len(self.rows) - self.rows.count(-1)
+
+    def __contains__(self, slot: object) -> bool:
+        return isinstance(slot, int) and self.rows[slot] >= 0
+
+    def _row(self, slot: int) -> int:
+        if self.rows[slot] < 0:
+            raise KeyError(slot)
+        return self.rows[slot]
+
+    def _every(self) -> Iterator[tuple[int, int]]:
+        return ((slot, row) for slot, row in enumerate(self.rows) if row >= 0)
+
+    def there(self) -> dict[int, tuple[int, int]]:
+        """Offset and length of those that lie in the shard itself."""
+        if self.path not in self.files:
+            return {}
+        own, size = self.files.index(self.path), self.written.size
+        return {slot: (self.offset[row], size[row]) for slot, row in self._every() if self.file[row] == own}
+
+    def lying(self) -> set[str]:
+        """The files in which they lie."""
+        return {self.files[number] for number in {self.file[row] for _, row in self._every()}}
+
+    def put(self, places: Mapping[int, tuple[int, int]]) -> None:
+        """All of them lie in the shard now."""
+        self.files = [self.path]
+        for slot, row in self._every():
+            self.file[row], self.offset[row] = 0, places[slot][0]
 
 
 class Blocks:
@@ -29,46 +97,59 @@ class Blocks:
 
     def __init__(self, folder: Path, journal: Journal, finder: Finder, durable: bool) -> None:
         self.folder, self.journal, self.finder, self.durable = folder, journal, finder, durable
-        self.wanted: dict[str, dict[int, tuple[Written, Place]]] = {}
+        self.wanted: dict[str, Held] = {}
         self.slots: dict[str, int] = {}
         self.waiting: dict[str, int] = {}
         self.moved = {"shards": 0, "copied": 0, "computed": 0}
 
-    def keep(self, chunks: Iterable[Chunk], stored: Stored) -> None:
-        """Chunks that stay as they are."""
-        for chunk in chunks:
-            found = stored.get((chunk.path, chunk.slot))
-            self.slots[chunk.path] = chunk.slots
-            own = self.wanted.setdefault(chunk.path, {})
-            if found is not None:
-                own[chunk.slot] = found
+    def _of(self, path: str, slots: int) -> Held:
+        own = self.wanted.get(path)
+        if own is None:
+            own = self.wanted[path] = Held(path, slots)
+            self.slots[path] = slots
+        return own
 
-    def expect(self, chunks: Iterable[Chunk], held: Iterable[Written] = ()) -> None:
+    def keep(self, chunks: Slots, stored: Stored) -> None:
+        """Chunks that stay as they are."""
+        for path, slot, slots in chunks:
+            own, found = self._of(path, slots), stored.get((path, slot))
+            if found is not None:
+                own[slot] = found
+
+    def drop(self, chunks: Slots) -> None:
+        """Chunks that are not to be there any more."""
+        for path, slot, slots in chunks:
+            self._of(path, slots).pop(slot, None)
+
+    def found(self, chunks: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[Written, Place]]:
+        """Of some chunks, by shard and slot, those that are there: as they were written, and where they lie."""
+        there = ((path, slot, self.wanted.get(path)) for path, slot in chunks)
+        return {(path, slot): own[slot] for path, slot, own in there if own is not None and slot in own}
+
+    def expect(self, chunks: Slots, held: Iterable[Written] = ()) -> None:
         """Chunks that will be computed, those held aside."""
         there = {(one.path, one.slot) for one in held}
-        for chunk in chunks:
-            if (chunk.path, chunk.slot) not in there:
-                self.slots[chunk.path] = chunk.slots
-                self.wanted.setdefault(chunk.path, {}).pop(chunk.slot, None)
-                self.waiting[chunk.path] = self.waiting.get(chunk.path, 0) + 1
+        for path, slot, slots in chunks:
+            if (path, slot) not in there:
+                self._of(path, slots).pop(slot, None)
+                self.waiting[path] = self.waiting.get(path, 0) + 1
 
-    def ended(self, chunks: Iterable[Chunk], written: Iterable[Written]) -> list[str]:
+    def ended(self, chunks: Slots, written: Iterable[Written]) -> list[str]:
         """Take what became of a cell; gives the shards of which nothing is left to be computed."""
         there, complete = {(one.path, one.slot): one for one in written}, []
-        for chunk in chunks:
-            one = there.get((chunk.path, chunk.slot))
-            own = self.wanted.setdefault(chunk.path, {})
+        for path, slot, slots in chunks:
+            one, own = there.get((path, slot)), self._of(path, slots)
             if one is None:
-                own.pop(chunk.slot, None)
-            elif chunk.slot in own and own[chunk.slot][0] == one:
+                own.pop(slot, None)
+            elif slot in own and own[slot][0] == one:
                 continue  # it was held, or is told twice
             else:
-                own[chunk.slot] = one, Place(part_path(one), one.offset, one.size, one.digest)
+                own[slot] = one, Place(part_path(one), one.offset, one.size, one.digest)
                 self.moved["computed"] += one.size
-            left = self.waiting.get(chunk.path, 0) - 1
-            self.waiting[chunk.path] = left
+            left = self.waiting.get(path, 0) - 1
+            self.waiting[path] = left
             if left <= 0:
-                complete.append(chunk.path)
+                complete.append(path)
         return complete
 
     def changed(self, path: str) -> bool:
@@ -78,11 +159,7 @@ class Blocks:
             return bool(state) or bool(own)
         if self.finder.odd(path, slots) or path not in self.journal.shards:
             return True
-        return state.index != self._there(path) or len(state.index) != len(own)
-
-    def _there(self, path: str) -> dict[int, tuple[int, int]]:
-        """What the index of a shard has to say of the chunks that lie in it."""
-        return {slot: (place.offset, place.size) for slot, (_, place) in self.wanted[path].items() if place.file == path}
+        return state.index != own.there() or len(state.index) != len(own)
 
     def odd(self) -> list[str]:
         """Shards that stand in their places and are not as they were put there."""
@@ -106,15 +183,14 @@ class Blocks:
             self.finder.states[path] = None
             return
         state = self.finder.state(path, slots)
-        if state is not None and state.index == self._there(path) and len(state.index) == len(own):
+        if state is not None and state.index == own.there() and len(state.index) == len(own):
             self.journal.put({path: Shard(state.size, kept_of(own), True)})  # it was put there, and nobody came to say so
             return
         put = put_shard(self.folder, path, slots, own, self.durable)
         self.journal.put({path: put.shard})
-        for part in {place.file for _, place in own.values()} - {path}:
+        for part in own.lying() - {path}:
             disk.remove(self.folder, part)
-        for slot, (written, place) in own.items():
-            own[slot] = written, Place(path, put.places[slot][0], place.size, place.digest)
+        own.put(put.places)
         self.finder.states[path] = State(put.shard.size, put.places)
         self.moved["copied"] += put.copied
         self.moved["shards"] += state is not None
@@ -125,4 +201,4 @@ class Blocks:
 
     def parts(self) -> set[str]:
         """The parts in which chunks lie that are not in their places yet."""
-        return {place.file for own in self.wanted.values() for _, place in own.values() if place.file.endswith(disk.PART)}
+        return {file for own in self.wanted.values() for file in own.lying() if file.endswith(disk.PART)}

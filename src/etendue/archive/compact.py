@@ -26,8 +26,9 @@ import numpy as np
 from etendue.archive import disk
 from etendue.archive.clearing import nodes_on_disk
 from etendue.archive.cutting import blocks_of, chunk_shapes
+from etendue.archive.entries import Entry
 from etendue.archive.journal import NAME as JOURNAL
-from etendue.archive.journal import Entry, Journal
+from etendue.archive.journal import Journal
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.owner import fresh_id

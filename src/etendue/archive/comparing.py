@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from etendue.archive.differing import Difference, between, together
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.archive.pieces import Cutter
 from etendue.archive.stored import Stored, StoredArrays
 from etendue.errors import ArchiveError
@@ -109,13 +109,16 @@ class ComparingKeeper:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
         return {}
 
-    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
-        return {}
+    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
+        return ()
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
     ) -> dict[CellRef, dict[str, Any]]:
         return {}
+
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return False

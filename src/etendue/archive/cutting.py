@@ -11,14 +11,14 @@ chunks (``benchmarks/archive.py`` prints the bytes).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 from typing import Any
 
 import numpy as np
 
 from etendue.archive.chunks import CODEC, RAW, Chunk
-from etendue.archive.layout import GroupLayout, Layout, VariableLayout
+from etendue.archive.layout import Layout, VariableLayout
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import chunk_of, known_chunk, pieces_of, room_of, windows_of
 from etendue.archive.shards import EXTRA, LARGEST, block_of, shards_of
@@ -96,19 +96,32 @@ def chunk_shapes(shape: tuple[int, ...], block: Sequence[int], chunk: tuple[int,
     return (*(1 for _ in block), *chunk), (*block, *room_of(shape, chunk)) if block or shape else None
 
 
-def chunks_at(path: str, group: GroupLayout, place: tuple[int, ...], blocks: Mapping[str, Mapping[str, Any]]) -> tuple[Chunk, ...]:
-    """The chunks at one position of the axes of a group."""
-    chunks = []
-    for variable in group.variables.values():
-        block, own = blocks[variable.name]["block"], known_chunk(variable.shape, blocks[variable.name])
-        windows = windows_of(variable.shape, own)
-        count, slot = len(windows), 0
-        for at, size in zip(place, block, strict=True):
+class Whereabouts:
+    """Where the chunks of one variable of a group lie: files and slots by the place of a cell."""
+
+    def __init__(self, path: str, variable: VariableLayout, known: Mapping[str, Any]) -> None:
+        self.variable, self.block, self.codec = variable, tuple(known["block"]), known["codec"]
+        chunk = known_chunk(variable.shape, known)
+        self.windows = windows_of(variable.shape, chunk)
+        self.count = len(self.windows)
+        self.shape = variable.shape if self.count == 1 else chunk
+        self.slots = prod(self.block) * self.count if self.block or variable.shape else 0
+        self.folder, self.inner = f"{DATA}/{path}/{variable.name}", ["0"] * len(variable.shape)
+        self.files: dict[tuple[int, ...], str] = {}  # each name once: a shard has many chunks
+
+    def at(self, place: tuple[int, ...]) -> tuple[str, int]:
+        """The shard of a cell, and the first of its slots there."""
+        slot = 0
+        for at, size in zip(place, self.block, strict=True):
             slot = slot * size + at % size
-        where = ".".join(["c", *(str(at // size) for at, size in zip(place, block, strict=True)), *("0" for _ in variable.shape)])
-        file = f"{DATA}/{path}/{variable.name}/{where}"
-        slots = prod(block) * count if block or variable.shape else 0
-        shape, codec = variable.shape if count == 1 else own, blocks[variable.name]["codec"]
-        for number, window in enumerate(windows):
-            chunks.append(Chunk(variable.name, file, slot * count + number, slots, variable.dtype, shape, codec, window))
-    return tuple(chunks)
+        shard = tuple([at // size for at, size in zip(place, self.block, strict=True)])
+        file = self.files.get(shard)
+        if file is None:
+            file = self.files[shard] = f"{self.folder}/{'.'.join(['c', *map(str, shard), *self.inner])}"
+        return file, slot * self.count
+
+    def chunks(self, place: tuple[int, ...]) -> Iterator[Chunk]:
+        file, slot = self.at(place)
+        own = self.variable
+        for number, window in enumerate(self.windows):
+            yield Chunk(own.name, file, slot + number, self.slots, own.dtype, self.shape, self.codec, window)

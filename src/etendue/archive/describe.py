@@ -5,6 +5,8 @@ from __future__ import annotations
 import calendar
 import math
 import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +54,16 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     journal = read(folder / JOURNAL)
     if journal.damaged and not running:
         raise _damaged(folder, [JOURNAL])
-    if not running and (odd := Stored(folder).odd()):
+    if not running and (odd := Stored(folder, journal=journal).odd()):
         raise _damaged(folder, odd)
     counts: dict[str, dict[str, int]] = {}
-    for cell, entry in journal.entries.items():
-        own = counts.setdefault(cell.split(" ")[0], {})
-        status = "unfinished" if entry.event == "start" else "outdated" if cell in journal.outdated else entry.status
-        own[status] = own.get(status, 0) + 1
+    for (stage, status), count in journal.said.counts(journal.outdated).items():
+        counts.setdefault(stage, {})[status] = count
+    ended = _ended(journal)
     stages = [
         {
             "name": str(name), "variables": _variables(folder, listing, str(name)), "cells": dict(sorted(counts.get(name, {}).items())),
-            **_progress(journal, name),
+            **_progress(journal, ended, [name]),
         }
         for name in order_of(root, record)
     ]  # fmt: skip
@@ -87,17 +88,21 @@ def order_of(root: Path, record: dict[str, Any]) -> list[str]:
 
 def progress(journal: Read, began: str = "") -> dict[str, Any]:
     """Of the last run: cells asked for, cells there, and, of one that is going on since ``began``, cells a second and seconds left."""
-    return {**_progress(journal), **(_pace(journal, began) if began else {"rate": None, "left": None})}
+    return {**_progress(journal, _ended(journal)), **(_pace(journal, began) if began else {"rate": None, "left": None})}
 
 
-def _progress(journal: Read, stage: str | None = None) -> dict[str, Any]:
+def _ended(journal: Read) -> Mapping[str, int]:
+    """How many cells of each stage have come to an end in the last run."""
+    return Counter(cell.partition(" ")[0] for cell in journal.run.ended) if journal.run else Counter[str]()
+
+
+def _progress(journal: Read, ended: Mapping[str, int], of: Iterable[str] | None = None) -> dict[str, Any]:
     """Of the last run: how many cells it was asked for, and how many of them are there or have come to an end."""
     if journal.run is None:
         return {"planned": None, "finished": None}
-    stages = journal.run.planned if stage is None else [stage]
-    ended = [cell for cell in journal.run.ended if stage is None or cell.split(" ")[0] == stage]
+    stages = list({**ended, **journal.run.planned} if of is None else of)
     planned, todo = (sum(counts.get(name, 0) for name in stages) for counts in (journal.run.planned, journal.run.todo))
-    return {"planned": planned, "finished": max(planned - todo, 0) + min(len(ended), todo)}
+    return {"planned": planned, "finished": max(planned - todo, 0) + min(sum(ended.get(name, 0) for name in stages), todo)}
 
 
 def _pace(journal: Read, began: str) -> dict[str, float | None]:
@@ -110,7 +115,7 @@ def _pace(journal: Read, began: str) -> dict[str, float | None]:
         return {"rate": None, "left": None}
     took: dict[str, list[float]] = {}
     for cell in run.ended:
-        took.setdefault(cell.split(" ")[0], []).append(journal.entries[cell].seconds if cell in journal.entries else 0.0)
+        took.setdefault(cell.split(" ")[0], []).append(journal.said.took(cell))
     spent, known = sum(map(sum, took.values())), sum(map(len, took.values()))
     ahead = 0.0
     for stage, todo in run.todo.items():

@@ -15,6 +15,7 @@ import numpy as np
 from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, Node, Plan
 from etendue.spec.capabilities import Viewed
+from etendue.spec.stage import Stage
 from etendue.spec.variables import variable
 
 
@@ -34,12 +35,12 @@ def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str)
     if shown.shown == "linear" and not {"channel", "wavelength"} & set(dims) and pattern is not None and "pattern" not in swept:
         found["drawn_pattern"] = str(cfa.read(str(pattern)))
     if "channel" in dims:
-        whites = {_white(cell) for cell in cells}
+        whites = {_white(stage) for stage in {id(cell.stage): cell.stage for cell in cells}.values()}
         if len(whites) == 1 and None not in whites:
             found["drawn_for"] = list(whites.pop() or ())
     return found
 
 
-def _white(cell: Cell) -> tuple[float, ...] | None:
-    white = cell.stage.viewing_white() if isinstance(cell.stage, Viewed) else None
+def _white(stage: Stage) -> tuple[float, ...] | None:
+    white = stage.viewing_white() if isinstance(stage, Viewed) else None
     return None if white is None else tuple(float(value) for value in np.ravel(white))

@@ -224,10 +224,7 @@ class _Indexes:
 
     def __init__(self, archive: StoredArchive) -> None:
         self.archive, self.journal = archive, archive.journal
-        self.written: dict[str, list[Written]] = {}
-        for entry in self.journal.entries.values():
-            for one in entry.files if entry.event == "done" and not self.journal.files_a_cell else ():
-                self.written.setdefault(one.path, []).append(one)
+        self.written = {} if self.journal.files_a_cell else self.journal.said.by_shard()  # numbers of chunks
 
     def slots(self, path: str) -> int:
         """How many chunks a shard has room for; 0: nothing is known of it."""
@@ -235,7 +232,8 @@ class _Indexes:
 
     def bytes(self, path: str, slots: int) -> bytes:
         shard = self.journal.shards[path]
-        places = {one.slot: (at, one.size) for one in self.written[path] if (at := shard.at(one)) is not None}
+        written = map(self.journal.said.files.__getitem__, self.written[path])
+        places = {one.slot: (at, one.size) for one in written if (at := shard.at(one)) is not None}
         return index_bytes(slots, places)
 
 

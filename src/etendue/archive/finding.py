@@ -10,6 +10,7 @@ flipped bit of an index costs no cell.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -29,7 +30,7 @@ class State:
     """A shard as it is on disk; its index is None where it is damaged."""
 
     size: int
-    index: dict[int, tuple[int, int]] | None
+    index: Mapping[int, tuple[int, int]] | None
 
 
 class Finder:

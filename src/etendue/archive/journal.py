@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import math
 import os
-import sys
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,29 +24,13 @@ from typing import Any
 import msgspec
 
 from etendue.archive import disk
+from etendue.archive.entries import Entries, Entry
 from etendue.archive.layout import STATUS
+from etendue.archive.line_forms import FIELDS, axis_of, block_of, decode_of_a_cell, files_of, inside, leads_out, of_kind
 from etendue.archive.shards import Shard
-from etendue.spec.ports import Written
 
-EVENTS = ("start", "done", "failed", "removed")
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError)  # what reading a damaged line may raise
 SUM = 18  # characters of ',"sum":"01234567"}'
-
-
-@dataclass(frozen=True)
-class Entry:
-    """The last word on one cell."""
-
-    event: str  # start | done | failed | removed
-    key: str
-    files: tuple[Written, ...] = ()
-    status: str = "done"
-    seconds: float = 0.0
-    clipped: float = 0.0
-    clipped_flux: float = 0.0
-    floored: float = 0.0
-    platform: str = ""  # an earlier one, on which it was computed and accepted
-    fresh: bool = False  # since the last run that ended in order
 
 
 @dataclass
@@ -63,7 +46,7 @@ class Going:
 class Read:
     """What a journal says."""
 
-    entries: dict[str, Entry] = field(default_factory=dict)
+    entries: MutableMapping[str, Entry] = field(default_factory=Entries)
     axes: dict[str, dict[str, list[Any]]] = field(default_factory=dict)
     arrays: dict[str, set[str]] = field(default_factory=dict)  # by group: the names of all arrays ever made in it
     blocks: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)  # by group and variable: how it is cut and encoded
@@ -73,14 +56,16 @@ class Read:
     damaged: int = 0  # lines that say nothing
     torn: bool = False  # behind the last whole line stands a piece of one
     files_a_cell: int = 0  # chunks of an archive of the form before this one: a file for each
-    since: set[str] = field(default_factory=set)  # cells of which something is said since the last run that ended in order
     outdated: set[str] = field(default_factory=set)  # cells called done that the last run was to compute otherwise, and has not yet
+
+    @property
+    def said(self) -> Entries:
+        assert isinstance(self.entries, Entries)
+        return self.entries
 
     def close(self) -> None:
         """A run has ended in order: what was said until now need not be read back."""
-        for cell in self.since:
-            self.entries[cell] = replace(self.entries[cell], fresh=False)
-        self.since.clear()
+        self.said.close()
         self.shards = {path: replace(one, fresh=False) if one.fresh else one for path, one in self.shards.items()}
 
 
@@ -91,7 +76,7 @@ class Journal:
         self.root, self.durable = root, durable
         self.encoder = msgspec.json.Encoder()
         found = read(root / NAME)
-        self.entries, self.axes, self.arrays, self.run, self.damaged = found.entries, found.axes, found.arrays, found.run, found.damaged
+        self.entries, self.axes, self.arrays, self.run, self.damaged = found.said, found.axes, found.arrays, found.run, found.damaged
         self.blocks, self.shards, self.files_a_cell, self.torn = found.blocks, found.shards, found.files_a_cell, found.torn
         self.records, self.outdated = found.records, found.outdated
         self.handle: int | None = None
@@ -127,11 +112,12 @@ class Journal:
         pairs = list(cells)
         self._append({"event": "start", "cell": cell, "key": key} for cell, key in pairs)
         for cell, key in pairs:
-            self.entries[cell] = Entry("start", key)
+            if cell in self.entries:  # of others nothing is to be forgotten
+                self.entries[cell] = Entry("start", key)
             self.outdated.discard(cell)
 
-    def end(self, cells: Iterable[tuple[str, Entry]]) -> None:
-        """Say that these cells are done (or failed): their chunks stand in their places."""
+    def end(self, cells: Iterable[tuple[str, Entry]], remember: bool = True) -> None:
+        """Say that these cells are done (or failed): their chunks stand in their places. ``remember``: also in ``entries``."""
         pairs = list(cells)
         self._append(
             {
@@ -143,7 +129,8 @@ class Journal:
             for cell, entry in pairs
         )  # fmt: skip
         for cell, entry in pairs:
-            self.entries[cell] = entry
+            if remember:
+                self.entries[cell] = entry
             self.outdated.discard(cell)
 
     def give_up(self, cells: Iterable[str]) -> None:
@@ -228,11 +215,7 @@ def _written(value: Any) -> Any:
     return {"float": repr(value)} if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _value(written: Any) -> Any:
-    return float(written["float"]) if isinstance(written, dict) else written
-
-
-def read_journal(path: Path) -> dict[str, Entry]:
+def read_journal(path: Path) -> Mapping[str, Entry]:
     """The last line of every cell. A torn or foreign line counts as absent."""
     return read(path).entries
 
@@ -241,17 +224,41 @@ def read(path: Path) -> Read:
     """The last word on every cell, group and run."""
     found = Read()
     try:
-        data = path.read_bytes()
+        file = path.open("rb")
     except FileNotFoundError:
         return found
-    *lines, rest = data.split(b"\n")  # behind the last line end stands nothing, or a torn line
-    found.torn = bool(rest)
-    for line in lines:
-        try:
-            _take(found, _checked(line))
-        except UNFIT:
-            found.damaged += 1
+    with file:
+        for line in file:
+            if not line.endswith(b"\n"):  # behind the last line end stands nothing, or a torn line
+                found.torn = True
+            elif not _take_own(found, line[:-1]):
+                try:
+                    _take(found, _checked(line[:-1]))
+                except UNFIT:
+                    found.damaged += 1
     return found
+
+
+def _take_own(found: Read, line: bytes) -> bool:
+    """A line of a cell that fits the checksum at its end, read in one go; whether it was one."""
+    if line[-SUM:-10] != b',"sum":"' or b"%08x" % zlib.crc32(b"}", zlib.crc32(memoryview(line)[:-SUM])) != line[-10:-2]:
+        return False
+    try:
+        one = decode_of_a_cell(line)
+    except msgspec.DecodeError:
+        return False
+    said = found.said
+    if any(text not in said.files.number and leads_out(text) for file in one.files for text in (file[0], file[2])):
+        return False
+    found.outdated.discard(one.cell)
+    row = said.say(one.cell, one.event, one.key, one.status, one.seconds, True)
+    said.add_rest(row, one.clipped, one.clipped_flux, one.floored, one.platform)
+    for file in one.files:
+        said.files.add(*file)
+    said.count[row] = len(one.files)
+    if found.run is not None and one.event in ("done", "failed"):
+        found.run.ended.add(one.cell)
+    return True
 
 
 def _says_something(line: bytes) -> bool:
@@ -281,108 +288,49 @@ def _checked(line: bytes) -> dict[str, Any]:
     return value
 
 
-_OF_A_CELL = frozenset({"event", "cell", "key", "status", "seconds", "clipped", "clipped_flux", "floored", "platform", "files"})
-_FIELDS = {
-    "axes": frozenset({"event", "group", "axes"}),
-    "arrays": frozenset({"event", "group", "names"}),
-    "run": frozenset({"event", "planned", "todo"}),
-    "blocks": frozenset({"event", "group", "blocks"}),
-    "shard": frozenset({"event", "path", "size", "kept"}),
-    "closed": frozenset({"event"}),
-    "outdated": frozenset({"event", "cells"}),
-    "record": frozenset({"event", "path", "text"}),
-    **dict.fromkeys(EVENTS, _OF_A_CELL),
-}
-
-
 def _take(found: Read, value: Mapping[str, Any]) -> None:
     """One line; ``ValueError`` or ``TypeError`` where it has not the form of its event."""
     event = value["event"]
-    if not set(value) <= _FIELDS[event]:
+    if not set(value) <= FIELDS[event]:
         raise ValueError("unknown words")
     if event == "axes":
-        group, axes = _inside(value["group"]), value["axes"]
+        group, axes = inside(value["group"]), value["axes"]
         if axes is None:
             found.axes.pop(group, None)
         else:
-            found.axes[group] = {_of(str, dim): _axis(_of(list, values)) for dim, values in axes.items()}
+            found.axes[group] = {of_kind(str, dim): axis_of(of_kind(list, values)) for dim, values in axes.items()}
     elif event == "arrays":
-        found.arrays.setdefault(_inside(value["group"]), set()).update(_inside(name) for name in _of(list, value["names"]))
+        found.arrays.setdefault(inside(value["group"]), set()).update(inside(name) for name in of_kind(list, value["names"]))
     elif event == "run":
-        planned, todo = ({_of(str, k): _of(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
+        planned, todo = ({of_kind(str, k): of_kind(int, n) for k, n in value[name].items()} for name in ("planned", "todo"))
         found.run = Going(planned, todo)
     elif event == "blocks":
-        found.blocks[_inside(value["group"])] = {_inside(name): _block(one) for name, one in value["blocks"].items()}
+        found.blocks[inside(value["group"])] = {inside(name): block_of(one) for name, one in value["blocks"].items()}
     elif event == "shard":
-        kept = tuple((_inside(part), *(_of(int, n) for n in rest)) for part, *rest in value["kept"])
+        kept = tuple((inside(part), *(of_kind(int, n) for n in rest)) for part, *rest in value["kept"])
         if any(len(one) != 4 for one in kept):
             raise ValueError("a run of bytes is a part and three numbers")
-        found.shards[_inside(value["path"])] = Shard(_of(int, value["size"]), kept, True)
+        found.shards[inside(value["path"])] = Shard(of_kind(int, value["size"]), kept, True)
     elif event == "record":
-        found.records[_inside(value["path"])] = _of(str, value["text"])
+        found.records[inside(value["path"])] = of_kind(str, value["text"])
     elif event == "closed":
         found.close()
     elif event == "outdated":
-        found.outdated = {_of(str, name) for name in _of(list, value["cells"])}
+        found.outdated = {of_kind(str, name) for name in of_kind(list, value["cells"])}
     else:
-        files = _files(found, value.get("files", ()))
+        files, a_cell = files_of(value.get("files", ()))
         status = value.get("status", "done")
         if status not in STATUS:
             raise ValueError(f"unknown status {status!r}")
         words = ("seconds", "clipped", "clipped_flux", "floored")
-        numbers = {name: float(_of((int, float), value.get(name, 0.0))) for name in words}
-        cell = _of(str, value["cell"])
-        platform = _of(str, value.get("platform", ""))
-        found.entries[cell] = Entry(event, _of(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
-        found.since.add(cell)
+        numbers = {name: float(of_kind((int, float), value.get(name, 0.0))) for name in words}
+        cell = of_kind(str, value["cell"])
+        platform = of_kind(str, value.get("platform", ""))
+        found.entries[cell] = Entry(event, of_kind(str, value["key"]), files, status, **numbers, platform=platform, fresh=True)
+        found.files_a_cell += a_cell
         found.outdated.discard(cell)
         if found.run is not None and event in ("done", "failed"):
             found.run.ended.add(cell)
-
-
-def _files(found: Read, written: Any) -> tuple[Written, ...]:
-    """The chunks of a cell; those of an archive with a file for every chunk say only how large each was."""
-    files = []
-    for one in written:
-        if len(one) == 3:
-            path, size, _ = one
-            found.files_a_cell += 1
-            files.append(Written(_inside(path), 0, "", 0, _of(int, size), 0))
-        else:
-            path, slot, part, *numbers = one
-            offset, size, digest = (_of(int, n) for n in numbers)
-            files.append(Written(sys.intern(_inside(path)), _of(int, slot), sys.intern(_inside(part)), offset, size, digest))
-    return tuple(files)
-
-
-def _block(written: Any) -> dict[str, Any]:
-    words = {name: _of(str, written[name]) for name in ("codec", "form")}
-    block = {"block": [_of(int, n) for n in written["block"]], **words, "pieces": _of(int, written["pieces"])}
-    if "chunk" in written:
-        block["chunk"] = [_of(int, n) for n in written["chunk"]]
-    if min([*block["block"], block["pieces"], *block.get("chunk", ())]) < 1:
-        raise ValueError("a block of nothing")
-    return block
-
-
-def _of(kind: Any, value: Any) -> Any:
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise TypeError(f"expected {kind}, got {type(value)}")
-    return value
-
-
-def _inside(path: Any) -> str:
-    """A path below the archive; a line that leads out of it says nothing."""
-    if not isinstance(path, str) or path[:1] == "/" or (".." in path and ".." in path.split("/")):
-        raise ValueError("a path that leads out of the archive")
-    return path
-
-
-def _axis(written: list[Any]) -> list[Any]:
-    values = [_value(one) for one in written]
-    if len({isinstance(one, str) for one in values}) > 1 or not all(isinstance(one, str | int | float) for one in values):
-        raise ValueError("an axis of no values")
-    return values
 
 
 def is_done(entry: Entry | None, key: str) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ class ArchiveKeeper:
         todo = select(plan, finished, asked_for | moved)
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
-        known = any(entry.event == "done" for entry in entries.values())
+        known = entries.any_done()
         again = {ref[0] for ref in todo}
         reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
         for name, count in store.damaged.items():
@@ -96,14 +96,15 @@ class ArchiveKeeper:
         folder = self.store.folder
         way_out = "Go on with its finished cells: --accept-platform; compute all again: --recompute"
         if old is None:
-            if any(entry.event == "done" for entry in self.store.journal.entries.values()):
+            if self.store.journal.entries.any_done():
                 raise ArchiveError(f"no record in {folder / 'runs'} can be read, which say on what its cells were computed. {way_out}")
         elif old["platform"] != dict(now):
             changed = ", ".join(f"{k} {old['platform'].get(k)} -> {now[k]}" for k in now if old["platform"].get(k) != now[k])
             raise ArchiveError(f"{folder} was begun on another platform ({changed}), where bits may differ. {way_out}")
 
     def target(self, cell: Cell) -> CellFiles:
-        return self.store.target(cell)
+        with self.lock:  # in a thread of the run, while another tells what it has written
+            return self.store.target(cell)
 
     def place(self, ref: CellRef, variable: str) -> None: ...
 
@@ -116,25 +117,17 @@ class ArchiveKeeper:
             self.store.reported(reports)
         return arrays
 
-    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
+    def earlier(self, refs: Iterable[CellRef]) -> Iterator[CellReport]:
         """What the journal says of finished cells."""
-        found = {}
+        store = self.store
         for ref in refs:
-            entry = self.store.journal.entries.get(self.store.names[ref])
+            entry = store.journal.entries.get(store.names[ref])
             if entry is not None and entry.event == "done":
-                kept = {(chunk.path, chunk.slot) for chunk in self.store.laid.chunks(self.store.plan.cells[ref])}
-                files = tuple(file for file in entry.files if (file.path, file.slot) in kept)
-                found[ref] = CellReport(
-                    *ref,
-                    entry.status,
-                    entry.seconds,
-                    files,
-                    clipped=entry.clipped,
-                    clipped_flux=entry.clipped_flux,
-                    floored=entry.floored,
-                    platform=entry.platform,
-                )
-        return found
+                kept = {(path, slot) for path, slot, _ in store.laid.slots(ref)}
+                yield CellReport(
+                    *ref, entry.status, entry.seconds, clipped=entry.clipped, clipped_flux=entry.clipped_flux, floored=entry.floored,
+                    platform=entry.platform, size=sum(file.size for file in entry.files if (file.path, file.slot) in kept),
+                )  # fmt: skip
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
@@ -143,12 +136,12 @@ class ArchiveKeeper:
         found, plan = {}, self.store.plan
         for ref in refs:
             target, writes = self.store.target(plan.cells[ref]), plan.node(ref[0]).writes
-            entry = self.store.journal.entries.get(self.store.names[ref])
-            for chunk in entry.files if entry else ():  # of a cell of this run
-                target.places.setdefault((chunk.path, chunk.slot), (chunk, None))
             chosen = [v for v in writes if (ref[0], v) in plan.kept and not (figures_only and set(writes[v].dims) - {"stage"})]
             found[ref] = {v: target.read(v) for v in chosen if named is None or v in named}
         return found
+
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        return others
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return self.store.shown() != self._keys(shown) or not frames.sheet_is_whole(self.store.folder, self.store.manifest)

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from etendue.archive.entries import Entries, Entry
 from etendue.archive.inputs import sweep_of
-from etendue.archive.journal import Entry, is_done
-from etendue.archive.layout import cell_name
+from etendue.archive.journal import is_done
+from etendue.archive.naming import Names
 from etendue.archive.provenance import records
 from etendue.archive.store import Archive
 from etendue.errors import ArchiveError
@@ -47,7 +48,7 @@ def is_elsewhere(store: Archive, ref: CellRef) -> bool:
     cell, entry = store.plan.cells[ref], store.journal.entries.get(store.names[ref])
     if entry is None or not is_done(entry, cell.key):
         return False
-    here = {chunk.path for chunk in store.laid.chunks(cell)}
+    here = {path for path, _, _ in store.laid.slots(ref)}
     names = {variable_at(path) for path in here}
     return any(variable_at(file.path) in names for file in entry.files if file.path not in here)
 
@@ -62,8 +63,8 @@ def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:
     """Each cell of what is asked for in a plan over more values; nothing where one is not there."""
     if plan.cells is asked.cells:
         return {ref: ref for ref in asked.cells}
-    by_name = {cell_name(plan, ref): ref for ref in plan.cells}
-    found = {ref: by_name.get(cell_name(asked, ref)) for ref in asked.cells}
+    by_name = {name: ref for ref, name in Names(plan).items()}
+    found = {ref: by_name.get(name) for ref, name in Names(asked).items()}
     return {} if None in found.values() else found  # type: ignore[return-value]
 
 
@@ -91,26 +92,26 @@ class Lost:
         )
 
 
-def staying(plan: Plan, entries: Mapping[str, Entry], stored: set[tuple[str, str]]) -> tuple[Plan, list[str], Lost]:
+def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple[Plan, list[str], Lost]:
     """The plan that also keeps what is stored and right; the stages that are kept for that reason alone; what would be lost.
 
     A stage of which something is kept goes on with all that is stored of it: one status holds for all its variables.
     """
     plan = replace(plan, nodes=tuple(_with_optional(node, stored) for node in plan.nodes))
-    names = {cell_name(plan, ref): cell for ref, cell in plan.cells.items()} if entries else {}
-    lost, kept, stay = Lost(), set(plan.kept), []
-    by_stage: dict[str, list[tuple[str, Entry]]] = {}
-    for name, entry in entries.items():
-        if entry.event == "done" and entry.files:
-            by_stage.setdefault(name.split(" ")[0], []).append((name, entry))
-    for stage, finished in by_stage.items():
-        lost.add(stage, (entry for name, entry in finished if name not in names))
+    lost, kept, stay = Lost(), set(plan.kept), list[str]()
+    if not entries:
+        return plan, stay, lost
+    names = Names(plan)
+    for name in entries.done_beside(names):
+        if entries[name].files:
+            lost.add(name.split(" ")[0], [entries[name]])
     for node in plan.nodes:
         extra = {(node.name, v) for v in node.writes} & stored - plan.kept
         if not extra:
             continue
         if not any((node.name, v) in plan.kept for v in node.writes):
-            wrong = [entry for name, entry in by_stage.get(node.name, ()) if name in names and entry.key != names[name].key]
+            own = ((cell, entries.get(names[cell.ref])) for cell in plan.of(node.name))
+            wrong = [entry for cell, entry in own if entry and entry.event == "done" and entry.files and entry.key != cell.key]
             if wrong:
                 lost.add(node.name, wrong)
                 continue
@@ -128,7 +129,7 @@ def _with_optional(node: Node, stored: set[tuple[str, str]]) -> Node:
 
 def pruned(plan: Plan, entries: Mapping[str, Entry]) -> Lost:
     """What goes when only what a run keeps is to stay."""
-    names = {cell_name(plan, ref) for ref in plan.cells}
+    names = set(Names(plan).values())
     gone = Lost()
     for name, entry in entries.items():
         stage = name.split(" ")[0]

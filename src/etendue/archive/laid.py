@@ -6,19 +6,22 @@ Out: groups, places and chunks of cells; the store in memory (``tree``).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from etendue.archive import layout as layouts
 from etendue.archive.chunks import Chunk
-from etendue.archive.cutting import Blocks, chunk_shapes, chunks_at, cut
-from etendue.archive.journal import Entry
-from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, cell_name, layout_of
+from etendue.archive.cutting import Blocks, Whereabouts, chunk_shapes, cut
+from etendue.archive.entries import Entries
+from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, layout_of
+from etendue.archive.naming import Names
 from etendue.archive.pieces import known_chunk
 from etendue.archive.tree import Tree
 from etendue.plan.model import Cell, CellRef, Plan
+
+Slot = tuple[str, int, int]
 
 
 class Laid:
@@ -36,7 +39,7 @@ class Laid:
     def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks) -> None:
         self.plan = plan
         self.layout: Layout = layout_of(plan)
-        self.names: dict[CellRef, str] = {ref: cell_name(plan, ref) for ref in plan.cells}
+        self.names = Names(plan)
         self.axes: dict[str, dict[str, list[Any]]] = {}
         self.places: dict[str, list[list[int]]] = {}
         for path, group in self.layout.groups.items():
@@ -46,10 +49,15 @@ class Laid:
                 own[dim] += [v for v in values if v not in known]
             self.axes[path] = own
             self.places[path] = [_positions(own[dim], values) for dim, values in group.axes.items()]
+        self.unmoved = {path for path, places in self.places.items() if all(own == list(range(len(own))) for own in places)}
         self.blocks = cut(plan, self.layout, self.axes, blocks)
         self.nodes = _nodes(self.layout)
+        self.whereabouts = {
+            path: [Whereabouts(path, variable, self.blocks[path][variable.name]) for variable in group.variables.values()]
+            for path, group in self.layout.groups.items()
+        }
 
-    def tree(self, entries: Mapping[str, Entry], todo: Collection[CellRef]) -> Tree:
+    def tree(self, entries: Entries, todo: Collection[CellRef]) -> Tree:
         """Everything in the store that the plan knows, tables aside; ``todo`` cells are not computed yet, whatever is stored."""
         axes = {node.name: list(node.axes) for node in self.plan.nodes}
         tree = Tree()
@@ -65,14 +73,19 @@ class Laid:
         self.put_status(tree, entries, todo)
         return tree
 
-    def put_status(self, tree: Tree, entries: Mapping[str, Entry], todo: Collection[CellRef] = ()) -> None:
-        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold."""
+    def put_status(self, tree: Tree, entries: Entries, todo: Collection[CellRef] = (), ended: Sequence[int] = ()) -> None:
+        """``status`` as the journal has it; cells still to be computed are not computed, whatever their chunks hold.
+
+        ``ended``: by number of a cell, 1 above its status where it has ended in this run.
+        """
+        number = self.plan.numbers.of
         for path, layout in self.layout.groups.items():
             status = np.full(tuple(len(values) for values in self.axes[path].values()), STATUS.index("not_computed"), np.uint8)
             for ref, index in layout.cells.items():
-                entry = entries.get(self.names[ref])
-                if ref not in todo and entry is not None and entry.key == self.plan.cells[ref].key and entry.event != "start":
-                    status[self.place(path, index)] = STATUS.index(entry.status)
+                if ended and ended[number(ref)]:
+                    status[self.place(path, index)] = ended[number(ref)] - 1
+                elif ref not in todo and entries and (found := entries.standing(self.names[ref], self.plan.cells[ref].key)):
+                    status[self.place(path, index)] = STATUS.index(found)
             tree.put_array(path, "status", status, tuple(self.axes[path]), STATUS_ATTRIBUTES)
 
     def _lay_out(self, tree: Tree, path: str, layout: GroupLayout) -> None:
@@ -109,15 +122,29 @@ class Laid:
 
     def place(self, path: str, index: tuple[int, ...]) -> tuple[int, ...]:
         """Position of a cell in the stored arrays of its group, from its position among the plan's values."""
-        return tuple(places[i] for places, i in zip(self.places[path], index, strict=True))
+        if path in self.unmoved:
+            return index
+        return tuple([places[i] for places, i in zip(self.places[path], index, strict=True)])
 
     def chunks(self, cell: Cell) -> tuple[Chunk, ...]:
         """The chunks of a cell's kept variables."""
         path = self.layout.home.get(cell.ref)
         if path is None:
             return ()
-        group = self.layout.groups[path]
-        return chunks_at(path, group, self.place(path, group.cells[cell.ref]), self.blocks[path])
+        place = self.place(path, self.layout.groups[path].cells[cell.ref])
+        return tuple([chunk for one in self.whereabouts[path] for chunk in one.chunks(place)])
+
+    def slots(self, ref: CellRef) -> list[Slot]:
+        """The same as (shard, slot, slots of the shard)."""
+        path = self.layout.home.get(ref)
+        if path is None:
+            return []
+        place = self.place(path, self.layout.groups[path].cells[ref])
+        found = []
+        for one in self.whereabouts[path]:
+            file, slot = one.at(place)
+            found += [(file, slot + number, one.slots) for number in range(one.count)]
+        return found
 
 
 def _nodes(layout: Layout) -> set[str]:

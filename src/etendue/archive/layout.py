@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.archive.drawing import drawing_attributes
+from etendue.archive.naming import Homes, Whole
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.spec import camera
@@ -58,7 +59,7 @@ class GroupLayout:
     axes: dict[str, list[Any]]
     variables: dict[str, VariableLayout]
     coordinates: dict[str, CoordinateLayout]
-    cells: dict[CellRef, tuple[int, ...]] = field(default_factory=dict)
+    cells: Mapping[CellRef, tuple[int, ...]] = field(default_factory=dict)
     attrs: dict[str, Any] = field(default_factory=dict)
 
 
@@ -68,38 +69,53 @@ class Layout:
 
     groups: dict[str, GroupLayout]
     parents: dict[str, dict[str, Any]]
-    home: dict[CellRef, str]
+    home: Mapping[CellRef, str]
 
 
 def layout_of(plan: Plan) -> Layout:
     """The layout of all kept variables of a plan."""
     groups: dict[str, GroupLayout] = {}
     parents: dict[str, dict[str, Any]] = {}
-    home: dict[CellRef, str] = {}
+    homes: dict[str, str | dict[CellRef, str]] = {}
     for node in plan.nodes:
         kept = [v for v in node.writes if (node.name, v) in plan.kept]
         if not kept:
             continue
         cells = plan.of(node.name)
         attrs = _node_attributes(plan, node)
-        varies = any(cell.grids != cells[0].grids for cell in cells)
-        if varies:
-            parents[node.name] = attrs
-        shapes = _shape_names(cells) if varies else {}
+        first = cells[0].grids
+        if all(cell.grids is first or cell.grids == first for cell in cells):
+            homes[node.name] = node.name
+            own = {dim: list(plan.axis(dim).values) for dim in node.axes}
+            groups[node.name] = GroupLayout(node.name, node.name, own, {}, {}, Whole(cells), attrs)
+            _fill(plan, node, groups[node.name], cells, kept, cells[:1])
+            continue
+        parents[node.name] = attrs
+        shapes, home = _shape_names(cells), dict[CellRef, str]()
+        homes[node.name] = home
         axes = [(dim, plan.axis(dim).values) for dim in node.axes]
         found: dict[str, dict[str, dict[Any, None]]] = {}
         for cell in cells:
-            path = f"{node.name}/{shapes[cell.ref]}" if varies else node.name
+            path = f"{node.name}/{shapes[cell.ref]}"
             home[cell.ref] = path
             if path not in groups:
-                groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {}, attrs={} if varies else attrs)
+                groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {})
                 found[path] = {dim: {} for dim in node.axes}
             for (dim, values), i in zip(axes, cell.ref[1], strict=True):
                 found[path][dim][values[i]] = None
         for path, values_of in found.items():
             groups[path].axes.update({dim: list(values) for dim, values in values_of.items()})
-            _fill(plan, node, groups[path], [c for c in cells if not varies or home[c.ref] == path], kept)
-    return Layout(groups, parents, home)
+            own_cells = [cell for cell in cells if home[cell.ref] == path]
+            groups[path].cells = _places(plan, node, groups[path], own_cells)
+            _fill(plan, node, groups[path], own_cells, kept, own_cells)
+    return Layout(groups, parents, Homes(plan, homes))
+
+
+def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
+    """Where cells stand in a group that has not all values of its axes."""
+    at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
+    places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
+    return {cell.ref: tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True)) for cell in cells}
 
 
 def _shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
@@ -128,21 +144,18 @@ def _shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
     return names
 
 
-def _fill(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell], kept: Sequence[str]) -> None:
+def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]) -> None:
+    """Variables and coordinates of every cell of a group, from ``cells`` among which all its grids are."""
     for dim in group.axes:
         axis = plan.axis(dim)
         attrs = {"long_name": camera.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
         group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
-    at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
-    places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
-    for cell in cells:
-        group.cells[cell.ref] = tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True))
     for name in kept:
         declaration = node.writes[name]
         grid = cells[0].grids[name]
         dims = declaration.dims
         attrs = {"units": declaration.unit, "long_name": variable(name).long_name}
-        attrs |= drawing_attributes(plan, node, cells, name)
+        attrs |= drawing_attributes(plan, node, every, name)
         averaged = [dim for dim in dims if all(isinstance(c.grids[name][dim], Line) and c.grids[name].line(dim).cells for c in cells)]
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
@@ -231,13 +244,3 @@ def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:
         "distribution": f"{one.distribution} {one.version}",
         "order": node.number,
     }
-
-
-def cell_name(plan: Plan, ref: CellRef) -> str:
-    """A cell by stage and axis values: the same name whatever else is swept."""
-    return cell_label(ref[0], plan.labels(ref))
-
-
-def cell_label(stage: str, labels: Mapping[str, Any]) -> str:
-    """The name of a cell in the journal."""
-    return " ".join([stage, *(f"{dim}={value!r}" if isinstance(value, str) else f"{dim}={value}" for dim, value in labels.items())])

@@ -6,7 +6,7 @@ Out: what ``xarray.open_datatree`` gives for the archive of the same plan.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,29 @@ from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayou
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
 from etendue.spec.ports import CellReport, Sheet
+
+
+class Standing(Mapping[CellRef, dict[str, Any]]):
+    """The arrays of the cells that have ended, where they stand; ``others``: of those of which more was given than is kept."""
+
+    def __init__(self, keeper: MemoryKeeper, others: Mapping[CellRef, dict[str, Any]]) -> None:
+        self.keeper, self.others = keeper, others
+
+    def __getitem__(self, ref: CellRef) -> dict[str, Any]:
+        if ref in self.others:
+            return self.others[ref]
+        if ref not in self:
+            raise KeyError(ref)
+        return self.keeper.placed(ref)
+
+    def __contains__(self, ref: object) -> bool:
+        return ref in self.keeper.plan.cells and self.keeper.status[self.keeper.number(ref)] > 0  # type: ignore[arg-type]
+
+    def __iter__(self) -> Iterator[CellRef]:
+        return (ref for ref, status in zip(self.keeper.plan.cells, self.keeper.status, strict=True) if status)
+
+    def __len__(self) -> int:
+        return len(self.keeper.status) - self.keeper.status.count(0)
 
 
 class MemoryKeeper:
@@ -30,7 +53,6 @@ class MemoryKeeper:
         self.draws = pictures
         self.whole: dict[tuple[str, str], Any] = {}
         self.missing: dict[tuple[str, str], Any] = {}
-        self.status: dict[CellRef, str] = {}
 
     def __enter__(self) -> MemoryKeeper:
         return self
@@ -40,6 +62,7 @@ class MemoryKeeper:
     def begin(self, asked: Plan) -> Work:
         """Make room for all that is kept."""
         self.plan, self.layout = asked, layout_of(asked)
+        self.number, self.status = asked.numbers.of, bytearray(asked.numbers.count)  # 1 above that of a cell that has ended
         for path, group in self.layout.groups.items():
             sizes = tuple(len(values) for values in group.axes.values())
             for variable in group.variables.values():
@@ -57,16 +80,20 @@ class MemoryKeeper:
     def starting(self, refs: Iterable[CellRef]) -> None: ...
 
     def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
-        self.status.update({(r.stage, r.index): r.status for r in reports})
+        for report in reports:
+            self.status[self.number((report.stage, report.index))] = STATUS.index(report.status) + 1
         return {ref: self._put(ref, found) for ref, found in arrays.items()}
 
-    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]:
-        return {}
+    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
+        return ()
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
     ) -> dict[CellRef, dict[str, Any]]:
         return {}
+
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        return Standing(self, others)
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool:
         return True
@@ -75,6 +102,15 @@ class MemoryKeeper:
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
         return self._tree({**tables, "frames": sheet.table} if sheet and sheet.table else tables), []
+
+    def placed(self, ref: CellRef) -> dict[str, Any]:
+        """The arrays of a cell as they stand in their places."""
+        path = self.layout.home.get(ref)
+        if path is None:
+            return {}
+        group = self.layout.groups[path]
+        index = group.cells[ref]
+        return {name: self.whole[path, name][index] for name in group.variables if not self.missing[path, name][index]}
 
     def _put(self, ref: CellRef, arrays: Mapping[str, Any]) -> dict[str, Any]:
         """Copy a cell into its place; gives the arrays as they stand there (variables that are not kept: as they came)."""
@@ -102,8 +138,8 @@ class MemoryKeeper:
             data[variable.name] = ((*variable.axes, *variable.dims), whole, variable.attrs)
         flags = np.full(sizes, STATUS.index("not_computed"), np.uint8)
         for ref, index in layout.cells.items():
-            if ref in self.status:
-                flags[index] = STATUS.index(self.status[ref])
+            if status := self.status[self.number(ref)]:
+                flags[index] = status - 1
         data["status"] = (tuple(layout.axes), flags, STATUS_ATTRIBUTES)
         coordinates = {  # a variable named like its own axis stands in the place of the axis values, as in the store
             name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data

@@ -20,8 +20,9 @@ import numpy as np
 
 from etendue.archive import disk
 from etendue.archive.chunks import CODEC, decode
+from etendue.archive.entries import Entry
 from etendue.archive.finding import Finder
-from etendue.archive.journal import NAME, Entry, Read, read
+from etendue.archive.journal import NAME, Read, read
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import Window, counts_of, joined, known_chunk, pieces_of, window_of
 from etendue.archive.shards import Place, fits, part_path, read_bytes
@@ -121,9 +122,9 @@ class StoredArchive:
     held : by name, also those that a run was about to replace: their chunks are there until it does
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, journal: Read | None = None) -> None:
         self.folder = folder
-        self.journal: Read = read(folder / NAME)
+        self.journal: Read = read(folder / NAME) if journal is None else journal
         self.finder = Finder(folder, self.journal)
         self._forms: dict[tuple[str, str], Form] = {}
 
@@ -134,7 +135,7 @@ class StoredArchive:
 
     @cached_property
     def held(self) -> Mapping[str, StoredCell]:
-        done = {name: entry for name, entry in self.journal.entries.items() if entry.event == "done"}
+        done = {name: self.journal.entries[name] for name in self.journal.said.done()}
         return {name: StoredCell(name, entry, tuple(map(self.chunk, entry.files))) for name, entry in done.items()}
 
     def place(self, chunk: StoredChunk, fresh: bool = False) -> Place | None:

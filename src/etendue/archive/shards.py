@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, prod
 from pathlib import Path
+from typing import Any
 
 import google_crc32c
 import numpy as np
@@ -57,14 +58,37 @@ def index_size(slots: int) -> int:
 
 def index_bytes(slots: int, places: Mapping[int, tuple[int, int]]) -> bytes:
     """The index of a shard from (offset, length) by slot."""
-    index = np.full((slots, 2), NOTHING, "<u8")
-    if places:
-        index[list(places)] = list(places.values())
-    data = index.tobytes()
-    return data + int(google_crc32c.value(data)).to_bytes(4, "little")
+    data = Index.of(slots, places).index.tobytes()
+    return bytes(data) + int(google_crc32c.value(data)).to_bytes(4, "little")
 
 
-def read_index(path: Path, slots: int) -> tuple[int, dict[int, tuple[int, int]] | None]:
+class Index(Mapping[int, tuple[int, int]]):
+    """(offset, length) by slot, as the index of a shard has them: an array of 16 bytes a slot."""
+
+    def __init__(self, index: Any) -> None:
+        self.index, self.there = index, (index != NOTHING).any(axis=1)
+
+    @classmethod
+    def of(cls, slots: int, places: Mapping[int, tuple[int, int]]) -> Index:
+        index = np.full((slots, 2), NOTHING, "<u8")
+        if places:
+            index[list(places)] = list(places.values())
+        return cls(index)
+
+    def __getitem__(self, slot: int) -> tuple[int, int]:
+        if not (0 <= slot < len(self.there) and self.there[slot]):
+            raise KeyError(slot)
+        offset, length = self.index[slot]
+        return int(offset), int(length)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(np.flatnonzero(self.there).tolist())
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self.there))
+
+
+def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int]] | None]:
     """Size of a shard, and (offset, length) by slot; None where its index is damaged.
 
     Raises
@@ -84,8 +108,7 @@ def read_index(path: Path, slots: int) -> tuple[int, dict[int, tuple[int, int]] 
     if len(data) != length or int(google_crc32c.value(body)).to_bytes(4, "little") != data[-4:]:
         return size, None
     index = np.frombuffer(body, "<u8").reshape(slots, 2)
-    there = np.flatnonzero((index != NOTHING).any(axis=1))
-    return size, {int(slot): (int(offset), int(length)) for slot, (offset, length) in zip(there, index[there].tolist(), strict=True)}
+    return size, Index(index)
 
 
 # -- what is in one ---------------------------------------------------------------------------------------------------
@@ -164,7 +187,7 @@ class Put:
     """What putting a shard in its place took."""
 
     shard: Shard
-    places: dict[int, tuple[int, int]]  # offset and length by slot
+    places: Mapping[int, tuple[int, int]]  # offset and length by slot
     copied: int  # bytes
 
 
@@ -203,7 +226,7 @@ def put_shard(root: Path, path: str, slots: int, chunks: Mapping[int, tuple[Writ
     finally:
         os.close(handle)
     moved = {slot: (written, Place(path, *places[slot], written.digest)) for slot, (written, _) in chunks.items()}
-    return Put(Shard(copied + len(data), kept_of(moved), True), places, copied - end)
+    return Put(Shard(copied + len(data), kept_of(moved), True), Index.of(slots, places) if slots else places, copied - end)
 
 
 def kept_of(chunks: Mapping[int, tuple[Written, Place]]) -> tuple[tuple[str, int, int, int], ...]:

@@ -20,20 +20,22 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from etendue.archive import disk, frames
 from etendue.archive.accepting import Former, accepted
 from etendue.archive.behind import behind
-from etendue.archive.blocks import Blocks, Stored
-from etendue.archive.chunks import CellFiles, Chunk
+from etendue.archive.blocks import Blocks, Slots, Stored
+from etendue.archive.chunks import CellFiles
 from etendue.archive.clearing import CHUNK, half_written, nodes_on_disk, remove_node, sweep
+from etendue.archive.entries import Entry
 from etendue.archive.finding import Finder
 from etendue.archive.frames import FRAMES
-from etendue.archive.journal import Entry, Journal, is_done
+from etendue.archive.journal import Journal, is_done
 from etendue.archive.laid import Laid
+from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, read_manifest, write_manifest
 from etendue.archive.owner import ABANDONED, fresh_id, take
 from etendue.archive.parts import PARTS
@@ -63,12 +65,11 @@ class Archive:
             raise ArchiveError(f"{folder} leads nowhere: it is a link to itself")
         self.damaged: dict[str, int] = {}  # by stage: finished cells whose files are missing or changed
         self.held: dict[CellRef, tuple[Written, ...]] = {}  # of cells of which more is asked for than is stored: what stays
-        self.found: dict[CellRef, Stored] = {}  # of cells: their chunks that are stored and right
-        self.chunks: dict[CellRef, tuple[Chunk, ...]] = {}  # of the cells to be computed
         self.touched = False  # whether anything has been changed
         self.mended: list[str] = []  # what was missing or changed and has been written again
         self.former = Former()  # of the platform of the last run, where that is accepted
         self.run_id = fresh_id()
+        self.place = str(self.folder)
         self.behind = behind(self.folder)
 
     # -- opening --------------------------------------------------------------------------------------
@@ -139,6 +140,7 @@ class Archive:
             )
         self.plan, self.laid = plan, Laid(plan, self.journal.axes, self.journal.blocks)
         self.finder = Finder(self.folder, self.journal)
+        self.blocks = Blocks(self.folder, self.journal, self.finder, self.durable)
         self.layout, self.names, self.nodes = self.laid.layout, self.laid.names, self.laid.nodes
         refuse_strangers(self.folder, self.listing, {node.name for node in plan.nodes}, self.ours)
         for node in self.nodes:
@@ -159,31 +161,38 @@ class Archive:
 
     def finished(self, ref: CellRef) -> bool:
         """Whether a cell needs no computing: the journal says done with its key, and its files are as the journal says."""
-        cell = self.plan.cells[ref]
-        entry = self.journal.entries.get(self.names[ref])
-        if entry is None or not (is_done(entry, cell.key) or is_done(entry, self.former.keys.get(ref, cell.key))):
+        entry, key = self.journal.entries.get(self.names[ref]), self.plan.cells[ref].key
+        if entry is None or not (is_done(entry, key) or is_done(entry, self.former.keys.get(ref, key))):
             return False
-        chunks = self.laid.chunks(cell)
-        known = {(file.path, file.slot): file for file in entry.files}
-        asked = [known.get((chunk.path, chunk.slot)) for chunk in chunks]
-        found: dict[tuple[str, int], tuple[Written, Place]] = {}
-        for chunk, file in zip(chunks, asked, strict=True):
-            place = self.finder.find(file, chunk.slots, entry.fresh) if file else None
-            if file and place is None:
-                self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
-                return False
-            if file and place:
-                found[file.path, file.slot] = file, place
+        chunks = self.laid.slots(ref)
+        found = self._found(entry, chunks)
+        if found is None:
+            self.damaged[ref[0]] = self.damaged.get(ref[0], 0) + 1
+            return False
+        self.blocks.keep(chunks, found)
         if len(found) == len(chunks):
-            self.found[ref] = found
             return True
         if found:  # more is asked for than there is: the rest is added to it; else it was computed, and not kept
-            self.held[ref], self.found[ref] = tuple(file for file, _ in found.values()), found
+            self.held[ref] = tuple(file for file, _ in found.values())
         return False
+
+    def _found(self, entry: Entry, chunks: Slots) -> Stored | None:
+        """Of the chunks of a cell those that its entry names, as they were written and where they lie; None where one is lost."""
+        known = {(file.path, file.slot): file for file in entry.files}
+        found: dict[tuple[str, int], tuple[Written, Place]] = {}
+        for path, slot, slots in chunks:
+            file = known.get((path, slot))
+            if file is None:
+                continue
+            place = self.finder.find(file, slots, entry.fresh)
+            if place is None:
+                return None
+            found[path, slot] = file, place
+        return found
 
     def has_files(self, ref: CellRef) -> bool:
         """Whether anything of a cell is stored, right or not."""
-        states = [(chunk.slot, self.finder.state(chunk.path, chunk.slots)) for chunk in self.laid.chunks(self.plan.cells[ref])]
+        states = [(slot, self.finder.state(path, slots)) for path, slot, slots in self.laid.slots(ref)]
         return any(state is not None and slot in (state.index or {}) for slot, state in states)
 
     # -- beginning ------------------------------------------------------------------------------------
@@ -193,23 +202,18 @@ class Archive:
 
         ``outdated`` cells stand at axis values of earlier runs and would come out differently now: they are removed.
         """
-        if fresh := accepted(self.former, self.plan, {ref: self.journal.entries[self.names[ref]] for ref in finished}):
+        was = ((ref, self.journal.entries[self.names[ref]]) for ref in finished)
+        if fresh := accepted(self.former, self.plan, was):
             self.change()
             self.journal.end((self.names[ref], entry) for ref, entry in fresh)
-        blocks = self.blocks = Blocks(self.folder, self.journal, self.finder, self.durable)
-        for ref in finished:
-            blocks.keep(self.laid.chunks(self.plan.cells[ref]), self.found[ref])
+        blocks = self.blocks
         for ref in todo:
-            chunks = self.chunks[ref] = self.laid.chunks(self.plan.cells[ref])
-            if ref in self.held:
-                blocks.keep(chunks, self.found[ref])
-            blocks.expect(chunks, self.held.get(ref, ()))
+            blocks.expect(self.laid.slots(ref), self.held.get(ref, ()))
         for ref in outdated:
-            blocks.keep(self.laid.chunks(self.plan.cells[ref]), {})
-        self.lacking = set(todo)
-        planned = set(self.names.values())
+            blocks.drop(self.laid.slots(ref))
+        self.todo, self.ended = todo, bytearray(self.plan.numbers.count)  # of cells that have ended: their status, from 1
         left = [self.names[ref] for ref in outdated if self.names[ref] in self.journal.entries]
-        left += [name for name, entry in self.journal.entries.items() if name not in planned and entry.event == "done"]
+        left += self.journal.entries.done_beside(self.names)
         self.tree = self.laid.tree(self.journal.entries, todo)
         if todo or left or blocks.unsettled() or not self._is_as_it_was_left():
             self._change(set(finished), outdated, left)
@@ -233,7 +237,7 @@ class Archive:
         names = {path: [node[len(path) + 1 :] for node in self.nodes if node.rpartition("/")[0] == path] for path in self.layout.groups}
         earlier = {group: [node.rpartition("/")[2] for node in self.ours if node.rpartition("/")[0] == group] for group in self.laid.axes}
         self.journal.set_arrays({path: [*own, *earlier.get(path, ())] for path, own in names.items()})
-        self.journal.set_outdated(self._outdated())
+        self.journal.set_outdated(self.journal.entries.done_otherwise((self.names[ref], self.plan.cells[ref].key) for ref in self.todo))
         self.journal.give_up(left)
         self._say_what_was_damaged()
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
@@ -244,13 +248,6 @@ class Archive:
         self.journal.set_blocks(self.laid.blocks)
         self._put(self.tree.files())
         self.blocks.put(self.blocks.unsettled())
-
-    def _outdated(self) -> Iterator[str]:
-        """The cells that the journal calls done, and that this run is to compute otherwise."""
-        for ref in self.lacking:
-            entry = self.journal.entries.get(self.names[ref])
-            if entry is not None and entry.event == "done" and entry.key != self.plan.cells[ref].key:
-                yield self.names[ref]
 
     def begin_run(self, planned: Mapping[str, int], todo: Mapping[str, int]) -> None:
         """Say what a run is asked for, and what of it is to be computed."""
@@ -295,7 +292,7 @@ class Archive:
 
     def _parts_of_done_cells(self) -> set[str]:
         """The parts in which something may lie that the journal calls done."""
-        named, shards = (f for e in self.journal.entries.values() if e.event == "done" for f in e.files), self.journal.shards
+        named, shards = self.journal.entries.files_of_done(), self.journal.shards
         return {part_path(file) for file in named if file.path not in shards or shards[file.path].at(file) is None}
 
     def _drop_unplanned(self) -> None:
@@ -324,9 +321,9 @@ class Archive:
 
     def target(self, cell: Cell) -> CellFiles:
         held: tuple[Written, ...] = self.held.get(cell.ref, ())
-        found: dict[tuple[str, int], tuple[Written, Place | None]] = dict(self.found.get(cell.ref, {}))
-        chunks = self.chunks.get(cell.ref) or self.laid.chunks(cell)
-        return CellFiles(str(self.folder), self.run_id, chunks, self.durable, held, found)
+        chunks = self.laid.chunks(cell)
+        found: dict[tuple[str, int], tuple[Written, Place | None]] = dict(self.blocks.found((c.path, c.slot) for c in chunks))
+        return CellFiles(self.place, self.run_id, chunks, self.durable, held, found)
 
     # -- progress of a run ----------------------------------------------------------------------------
 
@@ -342,9 +339,9 @@ class Archive:
             written = report.written if event == "done" else ()
             told = (written, report.status, report.seconds, report.clipped, report.clipped_flux, report.floored)
             lines.append((self.names[ref], Entry(event, self.plan.cells[ref].key, *told)))
-            complete += self.blocks.ended(self.chunks[ref], written)
-            self.lacking.discard(ref)
-        self.journal.end(lines)
+            self.ended[self.plan.numbers.of(ref)] = STATUS.index(report.status) + 1
+            complete += self.blocks.ended(self.laid.slots(ref), written)
+        self.journal.end(lines, remember=False)
         self.blocks.put(complete)
         self.behind.sealed(complete)
 
@@ -356,11 +353,10 @@ class Archive:
 
     def close_run(self, tables: Mapping[str, Mapping[str, Any]]) -> None:
         """Put shards in their places, write status and tables, then consolidate: readers see a finished run or the one before."""
-        done = {name for name, entry in self.journal.entries.items() if entry.event == "done"}
-        lost = [self.names[ref] for ref in self.lacking - self.held.keys()]
-        self.journal.give_up([name for name in lost if name in done])  # shards are made without them
+        lacking = (ref for ref in self.todo if not self.ended[self.plan.numbers.of(ref)] and ref not in self.held)
+        self.journal.give_up(self.journal.entries.done_among(map(self.names.__getitem__, lacking)))  # shards are made without them
         self.blocks.close()
-        self.laid.put_status(self.tree, self.journal.entries, self.lacking)
+        self.laid.put_status(self.tree, self.journal.entries, self.todo, self.ended)
         self._put({path: data for path, data in self.tree.files().items() if "/status/" in path})
         for name in TABLES:
             if name not in tables:

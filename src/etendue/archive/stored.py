@@ -16,9 +16,11 @@ import numpy as np
 
 from etendue.archive import disk
 from etendue.archive.chunks import decode
-from etendue.archive.journal import Entry, Read
-from etendue.archive.layout import STATUS, cell_label
+from etendue.archive.entries import Entry
+from etendue.archive.journal import Read
+from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, Manifest, digest_of, read_manifest
+from etendue.archive.naming import cell_label
 from etendue.archive.owner import is_running
 from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
@@ -91,9 +93,9 @@ class StoredArrays:
 class Stored:
     """An archive opened for reading alone. Nothing of it is changed."""
 
-    def __init__(self, folder: Path, check_links: bool = True) -> None:
+    def __init__(self, folder: Path, check_links: bool = True, journal: Read | None = None) -> None:
         self.folder = folder
-        self.archive = open_archive(folder) if check_links else StoredArchive(folder)
+        self.archive = open_archive(folder) if check_links and journal is None else StoredArchive(folder, journal)
 
     @property
     def journal(self) -> Read:
@@ -166,10 +168,12 @@ class Stored:
 
     def odd(self) -> list[str]:
         """Files of chunks that are missing, or whose size or index is not as they were put in their places; no chunk is read."""
-        slots = {
-            c.written.path: c.form.slots for cell in self.archive.cells.values() for c in cell.chunks if self.keeps(c.group, c.variable)
-        }
-        return [] if self.journal.files_a_cell else [path for path, count in slots.items() if self.archive.finder.odd(path, count)]
+        if self.journal.files_a_cell:
+            return []
+        said = self.journal.said
+        chunks = [self.archive.chunk(said.files[number]) for number in said.shards(self.journal.outdated).values()]  # one of each shard
+        kept = [chunk for chunk in chunks if self.keeps(chunk.group, chunk.variable)]
+        return [c.written.path for c in kept if self.archive.finder.odd(c.written.path, c.form.slots)]
 
     @cached_property
     def manifest(self) -> Manifest | None:

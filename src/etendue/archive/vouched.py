@@ -27,8 +27,9 @@ from zarr.storage import LocalStore, WrapperStore
 
 from etendue.archive import disk, reading
 from etendue.archive.chunks import decode
-from etendue.archive.layout import STATUS, cell_label
+from etendue.archive.layout import STATUS
 from etendue.archive.manifest import DATA, read_manifest
+from etendue.archive.naming import cell_label
 from etendue.archive.owner import is_running
 from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import fits, index_bytes, index_size, read_bytes
@@ -237,8 +238,8 @@ class VouchedStore(WrapperStore[LocalStore]):
     @cached_property
     def _ended(self) -> dict[str, dict[tuple[int, ...], str]]:
         """By group and position: the cells that came to an end without a result. Which group they are of only their axis values say."""
-        entries = self.archive.journal.entries
-        left = {name: entry.status for name, entry in entries.items() if entry.event == "failed"}
+        entries = self.archive.journal.said
+        left = {name: entries[name].status for name in entries.having("failed")}
         places: dict[str, list[tuple[str, tuple[int, ...]]]] = {}
         stages = {name.split(" ")[0] for name in left}
         for group, axes in self.archive.journal.axes.items():

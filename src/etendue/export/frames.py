@@ -18,7 +18,8 @@ import xarray
 
 from etendue.archive.describe import describe_archive
 from etendue.archive.journal import read_journal
-from etendue.archive.layout import STATUS, cell_label
+from etendue.archive.layout import STATUS
+from etendue.archive.naming import cell_label
 from etendue.archive.provenance import latest_record
 from etendue.archive.stored import Stored
 from etendue.archive.vouched import VouchedStore

@@ -113,7 +113,7 @@ class Live:
     def _now(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
         self.refresh()
         with self._lock:
-            failed = sum(entry.event == "failed" for entry in self.opened.entries.values())
+            failed = sum(1 for _ in self.opened.stored.journal.said.having("failed"))
             return _json(
                 {
                     **self.opened.progress, "running": self.opened.running, "ended": self.opened.ended, "serial": self.serial,

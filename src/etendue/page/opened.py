@@ -16,9 +16,10 @@ import numpy as np
 import xarray
 
 from etendue.archive.describe import order_of, progress
-from etendue.archive.journal import Entry
-from etendue.archive.layout import BOUNDS, cell_label
+from etendue.archive.entries import Entry
+from etendue.archive.layout import BOUNDS
 from etendue.archive.manifest import DATA
+from etendue.archive.naming import cell_label
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, records
 from etendue.archive.stored import Stored

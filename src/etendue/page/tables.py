@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from etendue.archive.journal import Entry
 from etendue.archive.manifest import DATA
 from etendue.archive.remembered import documents
 from etendue.page.opened import Opened
@@ -45,13 +44,13 @@ def ledger(opened: Opened) -> Ledger:
 
 
 def _from_journal(opened: Opened) -> Ledger:
-    rows: list[tuple[str, Entry]] = [(name, entry) for name, entry in opened.entries.items() if entry.event in ("done", "failed")]
+    rows = [one for one in opened.stored.journal.said.told() if one[1] in ("done", "failed")]
     planned = opened.stored.journal.run.planned if opened.stored.journal.run else {}
     found: Ledger = {
-        "stage": np.array([name.split(" ")[0] for name, _ in rows], dtype=object),
-        "status": np.array([entry.status if entry.event == "done" else "failed" for _, entry in rows], dtype=object),
-        "seconds": np.array([entry.seconds for _, entry in rows], dtype=float),
-        "clipped": np.array([entry.clipped for _, entry in rows], dtype=float),
+        "stage": np.array([name.split(" ")[0] for name, *_ in rows], dtype=object),
+        "status": np.array([status if event == "done" else "failed" for _, event, status, _, _ in rows], dtype=object),
+        "seconds": np.array([seconds for _, _, _, seconds, _ in rows], dtype=float),
+        "clipped": np.array([clipped for *_, clipped in rows], dtype=float),
         "at": {},
         "planned": dict(planned),
     }

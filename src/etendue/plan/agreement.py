@@ -21,10 +21,16 @@ def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
     """Where a stage assumes of something shared what no stage before it on its way did."""
     assumed: dict[CellRef, dict[str, tuple[str, Any]]] = {}
     notes: dict[str, None] = {}
+    alike: dict[tuple[Any, ...], dict[str, tuple[str, Any]]] = {}  # of cells of one stage that read cells alike: they say the same
     for ref, cell in cells.items():
+        place = (cell.node, id(cell.stage), *[id(assumed[source]) for _, source, _ in cell.inputs])
+        known = alike.get(place)
+        if known is not None:
+            assumed[ref] = known
+            continue
         found: dict[str, tuple[str, Any]] = {}
         for _, source, _ in cell.inputs:
-            found |= assumed.get(source, {})
+            found |= assumed[source]
         own = cell.stage.assumes()
         for what, value in own.items():
             before = found.get(what)
@@ -32,7 +38,7 @@ def _taken_differently(cells: Mapping[CellRef, Cell]) -> list[str]:
                 theirs = f"{_shown(before[1])} in {before[0]!r}, which stands before it"
                 notes[f"{cell.node}: {what} is {_shown(value)} here, but {theirs}"] = None
             found[what] = (cell.node, value)
-        assumed[ref] = found
+        assumed[ref] = alike[place] = found
     return list(notes)
 
 

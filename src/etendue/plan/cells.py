@@ -6,7 +6,6 @@ Out: cells by reference, in an order in which every cell stands behind what it r
 
 from __future__ import annotations
 
-import gc
 import itertools
 import math
 from collections.abc import Callable, Mapping
@@ -55,13 +54,7 @@ def expand(
 ) -> tuple[dict[CellRef, Cell], str, float]:
     """All cells, the precision they are computed in, and the seconds that looking at new scenes took."""
     expansion = _Expansion(graph, pipeline, choice, told)
-    collecting = gc.isenabled()
-    gc.disable()  # cells hold no circles, and looking for some through all of them takes a tenth of the time
-    try:
-        return expansion.expand(), expansion.precision, expansion.looked
-    finally:
-        if collecting:
-            gc.enable()
+    return expansion.expand(), expansion.precision, expansion.looked
 
 
 class Decisions(NamedTuple):
@@ -85,7 +78,6 @@ class _Expansion:
         self.cells: dict[CellRef, Cell] = {}
         self.stages: dict[tuple[str, tuple[Any, ...]], Stage] = {}
         self.described: dict[Stage, tuple[Facts, Mapping[str, Grid]]] = {}
-        self.refs: dict[CellRef, CellRef] = {}  # each once: a cell stands in the inputs of many
         self.readings: dict[tuple[str, int], Reading] = {}
         self.forms: dict[tuple[Any, ...], Form] = {}
         self.decisions: dict[tuple[Any, ...], Decisions] = {}  # of cells of one stage and form that read what nothing is known of
@@ -103,11 +95,6 @@ class _Expansion:
         if known is None:
             known = self.readings[node.name, number] = reading_of(node, number, self.nodes)
         return known
-
-    def ref(self, name: str, index: tuple[int, ...]) -> CellRef:
-        """A reference, the same one for all who read the cell."""
-        ref = (name, index)
-        return self.refs.setdefault(ref, ref)
 
     def stage_at(self, node: Node, number: int, index: Mapping[str, int], found: tuple[Found, ...] = ()) -> Stage:
         """The stage of an alternative at a combination, with what stands for the quantities that a run finds."""
@@ -144,9 +131,11 @@ class _Expansion:
     def expand(self) -> dict[CellRef, Cell]:
         total = self.count()
         self.precision = self.choose_precision()
+        places: dict[tuple[str, ...], list[tuple[int, ...]]] = {}  # by axes: each once, for all stages that they reach
         for node in self.graph.nodes:
-            sizes = [range(len(self.axes[dim].values)) for dim in node.axes]
-            for index in itertools.product(*sizes):
+            if node.axes not in places:
+                places[node.axes] = list(itertools.product(*(range(len(self.axes[dim].values)) for dim in node.axes)))
+            for index in places[node.axes]:
                 self.add(node, index)
                 if not len(self.cells) % 500:
                     self.told(len(self.cells), total)
@@ -211,12 +200,12 @@ class _Expansion:
         return replace(facts, spectrum=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
-        by_dim = dict(zip(node.axes, index, strict=True))
+        cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
         number = by_dim[node.use_axis] if node.use_axis else 0
         one, reading = node.alternatives[number], self.reading(node, number)
-        inputs = tuple([(port, self.ref(source, at(index)), variable) for port, source, variable, at in reading.inputs])
+        inputs = tuple([(port, cells[source, at(index)].ref, variable) for port, source, variable, at in reading.inputs])
         stage = self.stage_at(node, number, by_dim, self.found(one, inputs) if reading.quantities else ())
-        looks_at = tuple([(port, tuple([self.ref(name, at(index)) for name, at in seen])) for port, seen in reading.looks_at])
+        looks_at = tuple([(port, tuple([cells[name, at(index)].ref for name, at in seen])) for port, seen in reading.looks_at])
         input_facts = {p: self.cells[ref].facts for p, ref, _ in inputs if p in reading.ports}
         try:
             form = self.form(node, number, stage, inputs)
@@ -239,7 +228,7 @@ class _Expansion:
             return
         versions, key = self.recipes.key(node, stage, one, inputs, looks_at, decided, seed, open_words, self.precision)
         cell = Cell(
-            ref=self.ref(node.name, index), stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, versions=versions,
+            ref=(node.name, index), stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, versions=versions,
             seed=seed, open_words=open_words, input_grids=input_grids, grids=grids, facts=facts,
             left_out=decided, approximated=approximated, error=error_bound,
             segment_input=self.segment_input(node, inputs), mapped=form.mapped,

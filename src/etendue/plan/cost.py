@@ -33,6 +33,19 @@ def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
     return declaration.dims == ("wavelength", "y", "x") and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
 
 
+def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
+    """Of the cells of a node one of each that cost the same, being of one stage and of the same grids, and how many there are."""
+    found: dict[tuple[Any, ...], list[Any]] = {}
+    for cell in cells:
+        place = id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None
+        known = found.get(place)
+        if known is None:
+            found[place] = [cell, 1]
+        else:
+            known[1] += 1
+    return [(cell, count) for cell, count in found.values()]
+
+
 def cell_bytes(node: Node, cell: Cell, precision: str, variables: Iterable[str] | None = None) -> int:
     chosen = node.writes if variables is None else variables
     return sum(bytes_of(node.writes[v], cell.grids[v], precision) for v in chosen)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from etendue.plan.numbers import Numbers
 from etendue.spec.capabilities import Probe, ends_in_sum, is_random, is_source, is_transfer
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Coordinate, Grid
@@ -217,6 +218,10 @@ class Plan:
     def of(self, name: str) -> list[Cell]:
         """The cells of a node, in order."""
         return list(self._grouped.get(name, ()))
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        return Numbers(self.nodes, {axis.dim: len(axis.values) for axis in self.axes})
 
     @cached_property
     def _named(self) -> Mapping[str, Node]:

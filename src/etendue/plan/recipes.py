@@ -19,6 +19,7 @@ from etendue.spec.capabilities import Sampled, is_random
 from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of
 
 NONE: Mapping[str, str] = MappingProxyType({})
+Lines = frozenset[str]
 Head = tuple[str, Mapping[str, str], bool]  # text, versions of libraries, whether draws count
 AS_TEXT = json.JSONEncoder(sort_keys=True).encode
 
@@ -35,7 +36,11 @@ class Recipes:
         self.words: dict[tuple[str, int], tuple[str, ...]] = {}
         self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
         self.heads: dict[tuple[Any, ...], Head] = {}
+        self.looked: dict[tuple[Any, ...], str] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
+        self.behind: dict[CellRef, Lines | None] = {}
+        self.alike: dict[tuple[Any, ...], Lines | None] = {}
+        self.seeds: dict[tuple[Any, ...], bytes] = {}
 
     def parameters(self, stage: Stage) -> str:
         """Digest of a stage's parameters, taken once: a stage serves many cells, and every cell asks twice."""
@@ -68,7 +73,7 @@ class Recipes:
             lines.append(seed.decode())  # values of ancestors count here even where a stage is left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
         if looks_at:
-            lines.append(AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at]))
+            lines.append(self.text_of_looked_at(node, one, looks_at))
         return versions, digest("\n".join(lines).encode())
 
     def head(self, node: Node, stage: Stage, one: Alternative, precision: str, averaged: bool, looks_at: Any) -> Head:
@@ -89,6 +94,16 @@ class Recipes:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
         found = self.heads[place] = AS_TEXT(fields), versions, "rng" in arguments_of(type(stage)) and not averaged
         return found
+
+    def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
+        """What counts of all that a cell looks at; remembered of transfer functions, since cells look at the same ones."""
+        place = (node.name, one.label, looks_at)
+        known = self.looked.get(place)
+        if known is None:
+            known = AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at])
+            if all(looks(reads_of(one.kind)[port]) == "transfer" for port, _ in looks_at):
+                self.looked[place] = known
+        return known
 
     def looked_at(self, one: Alternative, port: str, cells: list[Cell]) -> Any:
         """What counts of the cells that a stage looks at: of transfer functions the stages, left out or not."""
@@ -115,6 +130,14 @@ class Recipes:
         if asking.common_draws(stage):
             return f"{self.pipeline_seed}|{node.name}|".encode(), ()
         quantities = quantities_of(type(stage))
+        read = [ref for port, ref, _ in inputs if port not in quantities] + [ref for _, refs in looks_at for ref in refs]
+        lines_behind = [self.lines_behind(ref) for ref in read]
+        if None not in lines_behind and not any(port in quantities for port, _, _ in inputs):
+            place = node.name, id(stage), *map(id, lines_behind)
+            if place not in self.seeds:
+                every = frozenset(self.lines(node.name, stage)).union(*(lines for lines in lines_behind if lines))
+                self.seeds[place] = words.seed_of(self.pipeline_seed, node.name, every)
+            return self.seeds[place], ()
         looked = [self.cells[ref] for _, refs in looks_at for ref in refs]
         cells = words.behind(self.cells, [*(self.cells[ref] for p, ref, _ in inputs if p not in quantities), *looked])
         lines = set(self.lines(node.name, stage)).union(*(self.lines(cell.node, cell.stage) for cell in cells))
@@ -124,6 +147,22 @@ class Recipes:
             return words.seed_of(self.pipeline_seed, node.name, lines), ()
         awaited = tuple(words.Open(name, q, parameters_of(kind)[q][2], ref, variable) for name, kind, (q, ref, variable) in found)
         return "\n".join(sorted(lines)).encode(), awaited
+
+    def lines_behind(self, ref: CellRef) -> Lines | None:
+        """The words of a cell and of all that it reads through its ports, at any distance; None where a run finds one of their values.
+
+        One set for all cells of a stage that read cells of the same sets.
+        """
+        if ref in self.behind:
+            return self.behind[ref]
+        cell = self.cells[ref]
+        before = [None] if cell.found else [self.lines_behind(source) for _, source, _ in cell.inputs]
+        place = cell.node, id(cell.stage), *map(id, before)
+        if place not in self.alike:
+            every = frozenset(self.lines(cell.node, cell.stage)).union(*(lines for lines in before if lines))
+            self.alike[place] = None if None in before else every
+        found = self.behind[ref] = self.alike[place]
+        return found
 
     def lines(self, name: str, stage: Stage) -> tuple[str, ...]:
         """A stage's words, taken once: it serves many cells."""

@@ -97,7 +97,7 @@ def peak_memory(plan: Plan, workers: int = 2) -> int:
     largest: dict[str, Cell] = {}
     memory: dict[str, int] = {}
     for node in plan.nodes:
-        for cell in plan.of(node.name):
+        for cell, _ in cost.alike(plan.of(node.name)):
             need = cost.cell_memory(node, cell, plan.precision)
             if need > memory.get(node.name, -1):
                 largest[node.name], memory[node.name] = cell, need

@@ -9,7 +9,7 @@ same value is the same word.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,7 +46,7 @@ def own_lines(name: str, stage: Stage) -> tuple[str, ...]:
     return tuple(found)
 
 
-def seed_of(seed: int, node: str, lines: set[str]) -> bytes:
+def seed_of(seed: int, node: str, lines: Set[str]) -> bytes:
     """Words for a generator."""
     return f"{seed}|{node}|{digest(chr(10).join(sorted(lines)).encode())}".encode()
 

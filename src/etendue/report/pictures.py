@@ -19,8 +19,8 @@ import numpy as np
 from etendue.physics.colour.encoding import srgb_encode
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.report.contact_sheet import contact_sheet, with_maps
-from etendue.report.details import Window, band_of, limited, lines_of, part_of, side_of
-from etendue.report.thumbnails import LARGEST, Thumbnail
+from etendue.report.details import Window, limited, lines_of, part_of, side_of
+from etendue.report.thumbnails import LARGEST, Thumbnail, window_of
 from etendue.spec.ports import Sheet
 from etendue.spec.variables import variable as known
 
@@ -73,11 +73,11 @@ def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Map
             frame.exact, frame.first = exact, 0 if exact is picture else one.first
             frame.bright = scales[kind] if how.shown == "linear" and exact is not picture else 0.0
         frames.append(frame)
-    _with_parts(frames, {name: plan.cells[ref] for name, ref in shown.items()})
+    _with_parts(frames, {name: plan.cells[ref] for name, ref in shown.items()}, window_of(plan, shown.values()))
     return frames
 
 
-def _with_parts(frames: list[Frame], cells: Mapping[str, Cell]) -> None:
+def _with_parts(frames: list[Frame], cells: Mapping[str, Cell], band: Window | None) -> None:
     """The same place of the scene in every picture: where the last of the coarsest has its strongest edge between flat places."""
     lines: dict[int, Any] = {id(f): lines_of(cells[f.stage].grids[f.variable]) for f in frames}
     seen = [f for f in frames if f.exact is not None and lines[id(f)] is not None]
@@ -86,7 +86,6 @@ def _with_parts(frames: list[Frame], cells: Mapping[str, Cell]) -> None:
     coarse = min(reversed(seen), key=lambda f: f.size[0] * f.size[1])
     y, x = lines[id(coarse)]
     side = min(side_of(coarse.size), *coarse.exact.shape[-2:])
-    band = band_of([cells[f.stage].grids[f.variable] for f in frames])
     whole = all(max(f.size) <= LARGEST for f in seen)
     first, last = (0, coarse.size[0]) if whole or band is None else band.rows(y)
     top, left = part_of(_encoded(coarse, coarse.exact[:, first - coarse.first : last - coarse.first]), side)

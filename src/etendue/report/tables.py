@@ -7,92 +7,105 @@ Out: columns as plain lists with dims and attributes; text for a terminal.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from etendue.plan import omissions
-from etendue.plan.model import CellRef, Plan
-from etendue.spec.ports import CellReport
+from etendue.plan.model import Axis, Cell, CellRef, Plan
+from etendue.plan.reports import DONE, FAILED, LEFT_OUT, NOTHING, REUSED, SKIPPED, STATUSES, Reports
 from etendue.spec.variables import variable
 
 Table = dict[str, Any]
 
 
-def ledger(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
+class Column:
+    """A column of a table that is made when it is asked for as an array: all of a large one at once would take more than the plan."""
+
+    def __init__(self, make: Callable[[], list[Any]], dtype: Any) -> None:
+        self.make, self.dtype = make, dtype
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
+        return np.array(self.make(), dtype=dtype or self.dtype)
+
+
+def ledger(plan: Plan, reports: Reports) -> Table:
     """One row per cell: stage, axes (missing where they do not reach), seconds, error and how it is known, key."""
-    rows = [(plan.cells[ref], reports.get(ref)) for ref in plan.cells]
-    arrays: dict[str, Any] = {
-        "stage": (("cell",), np.array([c.node for c, _ in rows], dtype=object), {"long_name": "stage"}),
-        "use": (("cell",), np.array([c.use for c, _ in rows], dtype=object), {"long_name": "implementation"}),
-    }
+    cells, nodes = plan.cells, {node.name: node for node in plan.nodes}
+    arrays: dict[str, Any] = {}
+
+    def put(name: str, long_name: str, of: Callable[[Cell], Any], units: str = "") -> None:
+        """Of every cell a text, or a number where there are units."""
+        _put(arrays, name, long_name, lambda: [of(cell) for cell in cells.values()], units)
+
+    def put_report(name: str, long_name: str, of: Callable[[int], Any], units: str = "") -> None:
+        """The same of what has become of a cell, by its number."""
+        nothing = math.nan if units else ""
+        _put(arrays, name, long_name, lambda: [of(n) if status else nothing for n, status in enumerate(reports.status)], units)
+
+    def rest(place: int) -> Callable[[int], Any]:
+        return lambda number: reports.rest.get(number, NOTHING)[place]
+
+    alike: dict[tuple[Any, ...], float] = {}
+
+    def saved(cell: Cell) -> float:
+        if not (cell.left_out or cell.approximated):
+            return 0.0
+        place = cell.node, id(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None, cell.approximated
+        if place not in alike:
+            found = omissions.saved(nodes[cell.node], cell, plan.precision)
+            alike[place] = math.nan if found is None else found
+        return alike[place]
+
+    put("stage", "stage", lambda c: c.node)
+    put("use", "implementation", lambda c: c.use)
     for axis in plan.axes:
-        column: list[Any] = []
-        text = any(isinstance(v, str) for v in axis.values)
-        place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
-        for cell, _ in rows:
-            column.append(axis.values[cell.index[place[cell.node]]] if cell.node in place else ("" if text else math.nan))
-        values = np.array(column, dtype=object if text else float)
         # named beside the dims of the other groups, not after them: here it is a column
-        arrays[f"at_{axis.dim}"] = (("cell",), values, {"long_name": axis.key, "units": axis.units or "1"})
-    status = [r.status if r else "not_computed" for _, r in rows]
-    arrays["status"] = (("cell",), np.array(status, dtype=object), {"long_name": "what became of the cell"})
-    arrays["seconds"] = (("cell",), np.array([r.seconds if r else math.nan for _, r in rows]), {"units": "s", "long_name": "thread time"})
-    arrays["error"] = (
-        ("cell",), np.array([math.nan if c.error[0] is None else c.error[0] for c, _ in rows]),
-        {"units": "1", "long_name": "error of the stage, relative to full scale"},
-    )  # fmt: skip
-    arrays["how"] = (("cell",), np.array([c.error[1] for c, _ in rows], dtype=object), {"long_name": "how the error is known"})
-    arrays["bound"] = (
-        ("cell",), np.array([c.bound for c, _ in rows]),
-        {"units": "1", "long_name": "what leaving out and approximating may add to what the cell writes, relative to full scale"},
-    )  # fmt: skip
-    coarser = [", ".join(f"{a.knob} = {a.value}" for a in c.approximated) for c, _ in rows]
-    arrays["approximated"] = (("cell",), np.array(coarser, dtype=object), {"long_name": "knobs that the plan has set"})
-    nodes = {node.name: node for node in plan.nodes}
-    saved = [omissions.saved(nodes[c.node], c, plan.precision) for c, _ in rows]
-    arrays["seconds_saved"] = (
-        ("cell",), np.array([math.nan if s is None else s for s in saved]),
-        {"units": "s", "long_name": "thread time that leaving out and approximating is expected to save"},
-    )  # fmt: skip
-    arrays["why_left_out"] = (
-        ("cell",),
-        np.array([c.left_out.why if c.left_out else "" for c, _ in rows], dtype=object),
-        {"long_name": "why"},
-    )
-    arrays["clipped"] = (
-        ("cell",),
-        np.array([r.clipped if r else math.nan for _, r in rows]),
-        {"units": "1", "long_name": "share of negative input clipped"},
-    )
-    arrays["clipped_flux"] = (
-        ("cell",), np.array([r.clipped_flux if r else math.nan for _, r in rows]), {"units": "1", "long_name": "share of flux in it"}
-    )  # fmt: skip
-    arrays["platform"] = (
-        ("cell",), np.array([r.platform if r else "" for _, r in rows], dtype=object),
-        {"long_name": "an earlier platform, on which it was computed, and accepted; empty: that of the record of the run"},
-    )  # fmt: skip
-    arrays["key"] = (("cell",), np.array([c.key for c, _ in rows], dtype=object), {"long_name": "equal key, equal result"})
-    arrays["message"] = (("cell",), np.array([r.message if r else "" for _, r in rows], dtype=object), {"long_name": "what went wrong"})
+        arrays[f"at_{axis.dim}"] = (("cell",), _at(plan, axis), {"long_name": axis.key, "units": axis.units or "1"})
+    _put(arrays, "status", "what became of the cell", lambda: [STATUSES[one] or "not_computed" for one in reports.status])
+    put_report("seconds", "thread time", reports.seconds.__getitem__, "s")
+    put("error", "error of the stage, relative to full scale", lambda c: math.nan if c.error[0] is None else c.error[0], "1")
+    put("how", "how the error is known", lambda c: c.error[1])
+    put("bound", "what leaving out and approximating may add to what the cell writes, relative to full scale", lambda c: c.bound, "1")
+    put("approximated", "knobs that the plan has set", lambda c: ", ".join(f"{a.knob} = {a.value}" for a in c.approximated))
+    put("seconds_saved", "thread time that leaving out and approximating is expected to save", saved, "s")
+    put("why_left_out", "why", lambda c: c.left_out.why if c.left_out else "")
+    put_report("clipped", "share of negative input clipped", rest(0), "1")
+    put_report("clipped_flux", "share of flux in it", rest(1), "1")
+    earlier = "an earlier platform, on which it was computed, and accepted; empty: that of the record of the run"
+    put_report("platform", earlier, rest(3))
+    put("key", "equal key, equal result", lambda c: c.key)
+    put_report("message", "what went wrong", rest(4))
     return {"arrays": arrays, "attrs": {"title": "one row per cell: error against run time is a selection from it"}}
+
+
+def _put(arrays: dict[str, Any], name: str, long_name: str, make: Callable[[], list[Any]], units: str = "") -> None:
+    attrs = {"units": units, "long_name": long_name} if units else {"long_name": long_name}
+    arrays[name] = (("cell",), Column(make, float if units else object), attrs)
+
+
+def _at(plan: Plan, axis: Axis) -> Column:
+    """Where each cell stands on an axis; nothing of a cell that it does not reach."""
+    text = any(isinstance(v, str) for v in axis.values)
+    place = {node.name: node.axes.index(axis.dim) for node in plan.nodes if axis.dim in node.axes}
+    nothing: Any = "" if text else math.nan
+    return Column(
+        lambda: [axis.values[index[place[node]]] if node in place else nothing for node, index in plan.cells], object if text else float
+    )
 
 
 def plan_axes(plan: Plan, node: str) -> tuple[str, ...]:
     return plan.node(node).axes
 
 
-def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[str, Any]]:
+def stage_rows(plan: Plan, reports: Reports) -> list[dict[str, Any]]:
     """One row per stage: cells computed, reused, left out and failed, seconds, share, worst error."""
     rows = []
-    grouped: dict[str, list[CellReport]] = {}
-    for ref, report in reports.items():
-        grouped.setdefault(ref[0], []).append(report)
-    total = math.fsum(r.seconds for r in reports.values() if r.status in ("done", "left_out")) or 1.0
+    took = {node.name: reports.seconds_of(node.name) for node in plan.nodes}
+    total = reports.seconds_of() or 1.0
     for node in plan.nodes:
-        cells = plan.of(node.name)
-        own = grouped.get(node.name, [])
-        seconds = math.fsum(r.seconds for r in own if r.status in ("done", "left_out"))
+        cells, seconds = plan.of(node.name), took[node.name]
         errors = [c.error[0] for c in cells if c.error[0] is not None]
         how = next((c.error[1] for c in cells), "unknown")
         rows.append(
@@ -102,22 +115,22 @@ def stage_rows(plan: Plan, reports: Mapping[CellRef, CellReport]) -> list[dict[s
                 "distribution": node.alternatives[0].distribution,
                 "axes": [plan.axis(d).key for d in node.axes],
                 "cells": len(cells),
-                "computed": sum(r.status in ("done", "left_out") for r in own),
-                "reused": sum(r.status == "reused" for r in own),
-                "failed": sum(r.status in ("failed", "skipped") for r in own),
+                "computed": reports.count(DONE, LEFT_OUT, stage=node.name),
+                "reused": reports.count(REUSED, stage=node.name),
+                "failed": reports.count(FAILED, SKIPPED, stage=node.name),
                 "left_out": omissions.left_out(node, cells, plan.precision),
                 "approximated": omissions.approximated(node, cells, plan.precision),
                 "seconds": seconds,
                 "share": seconds / total,
                 "error": max(errors) if errors else None,
                 "how": how,
-                "bytes": sum(f.size for r in own for f in r.written),
+                "bytes": reports.bytes_of(node.name),
             }
         )  # fmt: skip
     return rows
 
 
-def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
+def summary(plan: Plan, reports: Reports) -> Table:
     """The same as a group of the archive."""
     rows = stage_rows(plan, reports)
     dims = ("stage",)
@@ -140,13 +153,13 @@ def summary(plan: Plan, reports: Mapping[CellRef, CellReport]) -> Table:
     return {"arrays": arrays, "attrs": {"title": "one row per stage"}}
 
 
-def floored(plan: Plan, reports: Mapping[CellRef, CellReport], counted: str = "floored") -> list[str]:
+def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]:
     """A sentence for each stage with a variable that counts what was lifted to a floor, or lies above saturation, and is above 0."""
     texts = []
     for node in plan.nodes:
         if not any(variable(v).counted == counted for v in node.writes):
             continue
-        counts = [r.floored for ref, r in reports.items() if ref[0] == node.name and r.floored > 0]
+        counts = reports.counted(node.name)
         if counts:
             what = " and ".join(variable(v).long_name for v in node.writes if variable(v).counted == counted)
             texts.append(f"{node.name} has {what}: in {len(counts)} of {len(plan.of(node.name))} cells, at most {max(counts):g} in a cell")

@@ -313,9 +313,8 @@ def print_outcome(outcome: Any) -> None:
         shards, copied, computed = (outcome.moved[name] for name in ("shards", "copied", "computed"))
         what = f"{shards} {'shard' if shards == 1 else 'shards'} made anew: {copied} bytes copied beside {computed} bytes computed"
         console.print(f"rewritten: {what}", soft_wrap=True)
-    clipped = [r for r in outcome.reports.values() if r.clipped_flux > 0]
-    if clipped:
-        worst = max(clipped, key=lambda r: r.clipped_flux)
+    worst = outcome.reports.most_clipped()
+    if worst is not None:
         console.print(f"clipped: negative light in front of {worst.stage}, at most {worst.clipped_flux:.2g} of the flux of a cell")
     for text in floored(outcome.plan, outcome.reports):
         console.print(f"floored: {escape(text)}", soft_wrap=True)

@@ -22,7 +22,7 @@ from etendue.physics.colour import matrices
 from etendue.physics.scene.resampling import area_weights
 from etendue.physics.sensor import cfa
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.report.details import band_of, lines_of
+from etendue.report.details import Window, band_of, lines_of
 from etendue.spec.capabilities import Viewed
 from etendue.spec.variables import Variable
 from etendue.spec.variables import variable as known
@@ -197,11 +197,15 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
     return {variable: one for variable, one in found.items() if isinstance(one, Thumbnail)}
 
 
+def window_of(plan: Plan, shown: Iterable[CellRef]) -> Window | None:
+    """The rows that are kept of every picture of some cells, whichever of them there will be."""
+    return band_of([grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown in ("linear", "encoded")])
+
+
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:
     """How each of some cells is looked at."""
     found, shown = {}, list(shown)
-    pictured = [grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown in ("linear", "encoded")]
-    window = band_of(pictured)
+    window = window_of(plan, shown)
     for ref in shown:
         cell, node = plan.cells[ref], plan.node(ref[0])
         middles = sum(dim != "channel" for dim in node.mapped)

@@ -8,7 +8,8 @@ Levels rise strictly along every dependency between batches, so that diamonds ca
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from array import array
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -17,7 +18,8 @@ from etendue.plan.model import CellRef
 from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
 from etendue.run.job import Job
-from etendue.run.order import depth_first
+from etendue.run.jobs import Jobs
+from etendue.run.order import numbers_depth_first
 from etendue.run.ownership import in_its_place
 from etendue.run.segments import Result
 from etendue.run.strips import walked
@@ -29,29 +31,37 @@ NOBODY: Mapping[CellRef, str] = MappingProxyType({})
 
 @dataclass
 class Batch:
-    """Jobs that run one after the other in one task."""
+    """Jobs that run one after the other in one task; they are made when they are asked for, where ``of`` makes them."""
 
     number: int
     level: int
-    jobs: list[Job] = field(default_factory=list)
+    of: Mapping[CellRef, Job]
+    refs: list[CellRef] = field(default_factory=list)
     seconds: float = 0.0
     inputs: set[int] = field(default_factory=set)
-    exports: list[CellRef] = field(default_factory=list)
-    imports: dict[int, list[CellRef]] = field(default_factory=dict)
+    exports: dict[CellRef, None] = field(default_factory=dict)
+    imports: dict[int, dict[CellRef, None]] = field(default_factory=dict)
+
+    @property
+    def jobs(self) -> list[Job]:
+        return [self.of[ref] for ref in self.refs]
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The names of its stages."""
+        return tuple(dict.fromkeys(ref[0] for ref in self.refs))
 
 
 def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECONDS) -> list[Batch]:
     """Group jobs; every batch only needs batches of a lower level."""
     batches: list[Batch] = []
-    home: dict[CellRef, int] = {}
     behind: dict[tuple[int, ...], int] = {}  # the open batch behind the batches that hold the newest inputs
-    units = _units(jobs)
-    unit_of = None if len(units) == len(jobs) else {job.ref: unit for unit, members in units.items() for job in members}
-    needs = {unit: _needs(members) for unit, members in units.items()}
-    for unit in depth_first(units, lambda u: needs[u] if unit_of is None else {unit_of[r] for r in needs[u]}):
-        members, refs = units[unit], needs[unit]
-        needed = {home[r] for r in refs}
-        seconds = members[0].seconds if len(members) == 1 else sum(job.seconds for job in members)
+    units = _Units(jobs)
+    home = array("i", bytes(4 * len(units)))
+    for unit in numbers_depth_first(len(units), lambda n: [units.of(ref) for ref in units.needs(n)]):
+        refs = units.needs(unit)
+        needed = {home[units.of(r)] for r in refs}
+        seconds = units.seconds(unit)
         level = max((batches[b].level for b in needed), default=-1)
         newest = tuple(sorted(b for b in needed if batches[b].level == level))
         chosen = None
@@ -61,44 +71,59 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
                 break
         if chosen is None:
             chosen = len(batches)
-            batches.append(Batch(chosen, level + 1))
+            batches.append(Batch(chosen, level + 1, jobs))
             behind[newest] = chosen
         batch = batches[chosen]
-        batch.jobs += members
+        batch.refs += units.members(unit)
         batch.seconds += seconds
-        for job in members:
-            home[job.ref] = chosen
+        home[unit] = chosen
         for r in refs:
-            if home[r] != chosen:
-                batch.inputs.add(home[r])
-                known = batch.imports.setdefault(home[r], [])
-                if r not in known:
-                    known.append(r)
-                if r not in batches[home[r]].exports:
-                    batches[home[r]].exports.append(r)
+            source = home[units.of(r)]
+            if source != chosen:
+                batch.inputs.add(source)
+                batch.imports.setdefault(source, {})[r] = None
+                batches[source].exports[r] = None
     return batches
 
 
-def _needs(members: list[Job]) -> tuple[CellRef, ...]:
-    """The cells that a unit reads of others."""
-    if len(members) == 1:
-        return members[0].needs
-    own = {job.ref for job in members}
-    return tuple(dict.fromkeys(r for job in members for r in job.needs if r not in own))
+class _Units:
+    """What is computed together, by number: a walk, at the place of its first cell, or a cell alone."""
 
+    def __init__(self, jobs: Mapping[CellRef, Job]) -> None:
+        self.together: dict[int, list[CellRef]] = {}  # of a walk: its cells
+        self.of: Callable[[CellRef], int]
+        self.needs_of: Callable[[CellRef], tuple[CellRef, ...]]
+        if isinstance(jobs, Jobs):  # which have no walks
+            self.first, self.of, self.needs_of, self.seconds_of = list(jobs), jobs.place, jobs.needs, jobs.seconds
+            return
+        self.needs_of, self.seconds_of = (lambda ref: jobs[ref].needs), (lambda ref: jobs[ref].seconds)
+        self.first = []
+        numbers: dict[CellRef, int] = {}
+        walks: dict[int, int] = {}
+        for ref, job in jobs.items():
+            unit = len(self.first) if job.walk is None else walks.setdefault(job.walk.number, len(self.first))
+            if unit == len(self.first):
+                self.first.append(ref)
+            else:
+                self.together.setdefault(unit, [self.first[unit]]).append(ref)
+            numbers[ref] = unit
+        self.of = numbers.__getitem__
 
-def _units(jobs: Mapping[CellRef, Job]) -> dict[CellRef, list[Job]]:
-    """What is computed together, by its first cell: a walk, or a cell alone."""
-    units: dict[CellRef, list[Job]] = {}
-    walks: dict[int, list[Job]] = {}
-    for ref, job in jobs.items():
-        if job.walk is None:
-            units[ref] = [job]
-        elif job.walk.number in walks:
-            walks[job.walk.number].append(job)
-        else:
-            units[ref] = walks[job.walk.number] = [job]
-    return units
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def members(self, unit: int) -> list[CellRef]:
+        return self.together.get(unit) or [self.first[unit]]
+
+    def needs(self, unit: int) -> tuple[CellRef, ...]:
+        """The cells that a unit reads of others."""
+        if unit not in self.together:
+            return self.needs_of(self.first[unit])
+        own = set(self.together[unit])
+        return tuple(dict.fromkeys(r for ref in self.together[unit] for r in self.needs_of(ref) if r not in own))
+
+    def seconds(self, unit: int) -> float:
+        return sum(self.seconds_of(ref) for ref in self.members(unit))
 
 
 @dataclass
@@ -129,7 +154,7 @@ def run_batch(
     jobs: tuple[Job, ...],
     exports: tuple[CellRef, ...],
     imports: tuple[tuple[CellRef, ...], ...],
-    deliver: frozenset[CellRef],
+    deliver: Set[CellRef],
     *before: BatchResult,
     doomed: Mapping[CellRef, str] = NOBODY,
     at: Callable[[int], None] | None = None,

@@ -5,7 +5,7 @@ The only importer of dask. A raw graph costs 84 us a task where ``dask.delayed``
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -20,21 +20,28 @@ from etendue.run.workers import Crew
 Runner = Callable[..., BatchResult]  # of jobs, exports, imports, deliver and the results of the batches before
 
 
-def graph_of(batches: list[Batch], deliver: frozenset[CellRef], runner: Runner = run_batch) -> dict[str, Any]:
+def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch) -> dict[str, Any]:
     """The raw Dask graph: ``batch-7`` depends on the batches it imports from."""
     graph: dict[str, Any] = {}
     for batch in batches:
         inputs = sorted(batch.imports)
         imports = tuple(tuple(batch.imports[n]) for n in inputs)
-        # The jobs hide in a partial, so that dask does not walk through them in search of keys.
-        task = partial(runner, tuple(batch.jobs), tuple(batch.exports), imports, deliver)
+        # What is run hides in a partial, so that dask does not walk through it in search of keys.
+        task = partial(_run, runner, batch, imports, deliver)
         graph[f"batch-{batch.number}"] = (task, *(f"batch-{n}" for n in inputs))
     return graph
 
 
+def _run(
+    runner: Runner, batch: Batch, imports: tuple[tuple[CellRef, ...], ...], deliver: Set[CellRef], *before: BatchResult
+) -> BatchResult:
+    """The jobs of a batch are made where it begins, and let go where it ends."""
+    return runner(tuple(batch.jobs), tuple(batch.exports), imports, deliver, *before)
+
+
 def run_parallel(
     batches: list[Batch],
-    deliver: frozenset[CellRef],
+    deliver: Set[CellRef],
     before: Callable[[Batch], None],
     after: Callable[[Batch, BatchResult], None],
     scheduler: str,
@@ -62,7 +69,7 @@ def run_parallel(
     _threaded(batches, deliver, before, after, workers, stop, run_batch)
 
 
-def _threaded(batches: list[Batch], deliver: frozenset[CellRef], before: Any, after: Any, workers: int, stop: Stop, runner: Runner) -> None:
+def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, workers: int, stop: Stop, runner: Runner) -> None:
     import dask.threaded
     from dask.callbacks import Callback
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
@@ -12,7 +12,7 @@ from etendue.run.watch import Stop
 
 def run_serial(
     batches: list[Batch],
-    deliver: frozenset[CellRef],
+    deliver: Set[CellRef],
     before: Callable[[Batch], None],
     after: Callable[[Batch, BatchResult], None],
     stop: Stop | None = None,

@@ -18,7 +18,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -198,7 +198,7 @@ class Crew:
         jobs: tuple[Job, ...],
         exports: tuple[CellRef, ...],
         imports: tuple[tuple[CellRef, ...], ...],
-        deliver: frozenset[CellRef],
+        deliver: Set[CellRef],
         *before: BatchResult,
     ) -> BatchResult:
         """``run_batch`` in a worker, as often as it takes to find the cells that kill workers."""

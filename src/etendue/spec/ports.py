@@ -53,8 +53,9 @@ class CellReport:
     message: str = ""
     clipped: float = 0.0
     clipped_flux: float = 0.0
-    floored: float = 0.0
-    platform: str = ""  # an earlier one, on which it was computed and accepted  # sum of the variables that are counted
+    floored: float = 0.0  # sum of the variables that are counted
+    platform: str = ""  # an earlier one, on which it was computed and accepted
+    size: int = 0  # bytes of what was written, where that is no longer told one by one
 
 
 class Progress(Protocol):
@@ -111,11 +112,14 @@ class Keeper(Protocol):
     def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         """Take what became of cells, in any thread; gives their arrays where they stand from now on."""
 
-    def earlier(self, refs: Iterable[CellRef]) -> dict[CellRef, CellReport]: ...
+    def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]: ...
 
     def stored(
         self, refs: Iterable[CellRef], figures_only: bool = False, named: frozenset[str] | None = None
     ) -> dict[CellRef, dict[str, Any]]: ...
+
+    def standing(self, others: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
+        """At the end: the arrays of all cells that it has taken, and ``others``, that it was given and does not keep."""
 
     def lacks_pictures(self, shown: Iterable[CellRef]) -> bool: ...
 

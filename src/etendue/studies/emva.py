@@ -20,7 +20,7 @@ import numpy as np
 
 from etendue.archive.again import recorded
 from etendue.archive.describe import describe_archive
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.archive.stored import Stored
 from etendue.errors import RequestError
 from etendue.plan.model import CellRef, Plan

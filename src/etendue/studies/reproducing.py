@@ -18,7 +18,7 @@ from etendue.archive.again import Recorded, every_record, recorded
 from etendue.archive.comparing import Compared, Comparing, ComparingKeeper
 from etendue.archive.inputs import sweep_of
 from etendue.archive.keeping import staying
-from etendue.archive.layout import cell_name
+from etendue.archive.naming import cell_name
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import node_records, platform_record
 from etendue.archive.stored import Stored
@@ -148,7 +148,7 @@ def _plan_of(plan: Plan, stored: Stored) -> Plan:
     sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
     there = stored.variables()
-    kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.entries, there)
+    kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.said, there)
     return kept
 
 

@@ -10,7 +10,7 @@ import logging
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from contextlib import contextmanager
 from typing import Any
 
@@ -32,7 +32,7 @@ ASKED = 4  # times a worker that gives no answer is asked again
 
 
 def run_on_cluster(
-    batches: list[Batch], deliver: frozenset[CellRef], before: Callable[[Batch], None], after: Callable[[Batch, BatchResult], None],
+    batches: list[Batch], deliver: Set[CellRef], before: Callable[[Batch], None], after: Callable[[Batch, BatchResult], None],
     address: str, workers: int, stop: Stop, cell_timeout: float | None, platform: Platform, mark: Mark | None = None,
 ) -> None:  # fmt: skip
     """Run batches at ``address``, or with ``workers`` processes of this machine where it is ``distributed``.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +40,7 @@ class Sending:
     """The batches of one run, on one cluster."""
 
     def __init__(
-        self, client: Any, batches: list[Batch], deliver: frozenset[CellRef], before: Callable[[Batch], None],
+        self, client: Any, batches: list[Batch], deliver: Set[CellRef], before: Callable[[Batch], None],
         after: Callable[[Batch, BatchResult], None], common: Common, stop: Stop, limit: float | None,
     ) -> None:  # fmt: skip
         self.client, self.deliver, self.before, self.after, self.common, self.stop = client, deliver, before, after, common, stop

@@ -6,6 +6,7 @@ Out: its result. A cell of which every worker dies that tries it, or that takes 
 
 from __future__ import annotations
 
+from collections.abc import Set
 from typing import Any
 
 from etendue.errors import MachineError
@@ -25,7 +26,7 @@ class Suspects:
         client: Any,
         batches: dict[int, Batch],
         results: dict[int, Any],
-        deliver: frozenset[CellRef],
+        deliver: Set[CellRef],
         common: Common,
         watching: Watching,
     ) -> None:

@@ -7,7 +7,7 @@ Out: its result, which stays where it was made; its reports, which the owner of 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from typing import Any
 
 import cloudpickle
@@ -23,12 +23,12 @@ Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and 
 
 
 def as_bytes(
-    jobs: Iterable[Job], exports: Iterable[CellRef], imports: Iterable[Iterable[CellRef]], deliver: frozenset[CellRef],
+    jobs: Iterable[Job], exports: Iterable[CellRef], imports: Iterable[Iterable[CellRef]], deliver: Set[CellRef],
     doomed: Mapping[CellRef, str] = NOBODY, topic: str = "", number: int = 0,
 ) -> bytes:  # fmt: skip
     """A batch, or a part of one. ``topic``: where the beginning of each cell is told, with the number of the batch."""
     jobs = tuple(jobs)
-    own = deliver.intersection(job.ref for job in jobs)
+    own = frozenset(job.ref for job in jobs if job.ref in deliver)
     rest = (tuple(exports), tuple(map(tuple, imports)), own, dict(doomed), topic, number)
     try:
         return bytes(cloudpickle.dumps((jobs, *rest), protocol=pickle.HIGHEST_PROTOCOL))
