@@ -35,3 +35,9 @@ def tests(session: nox.Session) -> None:
 def long(session: nox.Session) -> None:
     """The laws that take long: kills at random instants, clusters, whole pipelines."""
     session.run("pytest", "-m", "long", *session.posargs)
+
+
+@nox.session
+def docs(session: nox.Session) -> None:
+    """The site, in docs/_build/html; a warning is a fault, such as a link that leads nowhere."""
+    session.run("sphinx-build", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html", *session.posargs)

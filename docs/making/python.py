@@ -1,0 +1,57 @@
+"""Pages of what is public in Python: ``etendue``, the door for plugins, their tests, and the kernels by wing."""
+
+import importlib
+import pkgutil
+from inspect import isclass, isfunction
+
+import etendue
+import etendue.api
+import etendue.physics
+from making.markdown import shown, toctree
+
+WINGS = ("scene", "light", "optics", "field", "sensor", "electronics", "mosaic", "restoration", "colour", "resolution", "quality")
+
+
+def pages() -> dict[str, str]:
+    """Pages by name."""
+    own = [_said("etendue", name) for name in etendue.__all__ if name != "stages"]
+    made = {
+        "python/etendue": "\n\n".join([
+            "# etendue", "What `import etendue` gives. `etendue.stages` has a function for every [stage](../stages/index.md).",
+            *own,
+        ]),
+        "python/api": "\n\n".join([
+            "# etendue.api", "What a stage of another distribution imports; [a stage of your own](../../plugins.md) shows how it is used.",
+            *[_said("etendue.api", name) for name in etendue.api.__all__],
+        ]),
+        "python/testing": "\n\n".join([
+            "# etendue.testing", "The laws that a stage keeps, for its tests.", _module("etendue.testing.conformance"),
+        ]),
+    }  # fmt: skip
+    for wing in WINGS:
+        package = importlib.import_module(f"etendue.physics.{wing}")
+        modules = [f"{package.__name__}.{found.name}" for found in pkgutil.iter_modules(package.__path__)] or [package.__name__]
+        parts = [f"# etendue.physics.{wing}", "Kernels: plain functions on arrays."]
+        made[f"python/physics_{wing}"] = "\n\n".join(
+            [*parts, *[f"## {shown(name.rpartition('.')[2])}\n\n{_module(name)}" for name in modules]]
+        )
+    names = [name.removeprefix("python/") for name in made]
+    return {**made, "python/index": "\n\n".join(["# Python", "From the docstrings.", toctree(names, ":maxdepth: 1")])}
+
+
+def _said(module: str, name: str) -> str:
+    thing = getattr(importlib.import_module(module), name)
+    if isclass(thing):
+        return _directive("autoclass", f"{module}.{name}", ":members:", ":exclude-members: __init__, __new__")
+    if isfunction(thing):
+        return _directive("autofunction", f"{module}.{name}")
+    return _directive("autodata", f"{module}.{name}", ":no-value:")
+
+
+def _module(name: str) -> str:
+    return _directive("automodule", name, ":members:")
+
+
+def _directive(kind: str, name: str, *options: str) -> str:
+    lines = [f".. {kind}:: {name}", *[f"   {option}" for option in options]]
+    return "\n".join(["```{eval-rst}", *lines, "```"])

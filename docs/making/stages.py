@@ -1,0 +1,117 @@
+"""A page for every installed stage and every camera quantity, from what they declare."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from etendue import discovery
+from etendue.registry import Registry, installed_stages
+from etendue.report.catalogue import first_sentence, quantity_document, stage_document
+from etendue.spec import camera
+from etendue.spec.variables import parse_declaration, variable
+from making.markdown import paragraphs, shown, table, toctree
+
+
+def pages(root: Path, pictures: Mapping[str, str]) -> dict[str, str]:
+    """Pages by name: ``stages/index``, one for each stage, and ``quantities``. ``pictures``: the name of a stage's variable by stage."""
+    registry = installed_stages()
+    documents = [stage_document(registry, name) for name in registry.names()]
+    working = [document for document in documents if "broken" not in document]
+    used = users(root)
+    made = {f"stages/{d['name']}": _page(d, working, used.get(d["name"], []), pictures.get(d["name"])) for d in working}
+    return {**made, "stages/index": _index(working), "quantities": _quantities(registry)}
+
+
+def users(root: Path) -> dict[str, list[str]]:
+    """The shipped pipelines that use a stage, by its name."""
+    found: dict[str, list[str]] = {}
+    for path in sorted((root / "pipelines").glob("*.toml")):
+        for use in dict.fromkeys(stage["use"] for stage in tomllib.loads(path.read_text())["stages"]):
+            found.setdefault(use, []).append(path.stem)
+    return found
+
+
+def roles(documents: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Stages by what they are for, in the order of the light; what has a role that nobody declares comes last."""
+    declared = discovery.installed().names("roles")
+    names = dict.fromkeys([*declared, *sorted({d["role"] for d in documents})])
+    found = {name: [d for d in documents if d["role"] == name] for name in names}
+    return {name: own for name, own in found.items() if own}
+
+
+def said_of(role: str) -> str:
+    """The sentence that a distribution says of a role."""
+    brought = discovery.installed().first("roles", role)
+    return str(brought.value) if brought else ""
+
+
+def _index(documents: list[dict[str, Any]]) -> str:
+    parts = ["# Stages", "In the order of the light, by what they are for. On the command line: `etendue stages`, `etendue stages NAME`."]
+    for role, own in roles(documents).items():
+        rows = [(f"[{d['name']}]({d['name']}.md)", shown(first_sentence(d["doc"]) + _origin(d))) for d in own]
+        parts += [f"## {shown(role or 'without a role').capitalize()}", shown(said_of(role)), table(("stage", ""), rows)]
+    return "\n\n".join([*parts, toctree(sorted(d["name"] for d in documents), ":hidden:")])
+
+
+def _origin(document: dict[str, Any]) -> str:
+    return "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']})"
+
+
+def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str], picture: str | None) -> str:
+    name, role = document["name"], document["role"]
+    parts = [f"# {name}", paragraphs(document["doc"])]
+    if picture:
+        parts.append(f"![{shown(picture)} behind {shown(name)}](../pictures/{name}.png)")
+    for word in ("reads", "writes"):
+        declared = [parse_declaration(port, text) for port, text in document[word].items()]
+        if declared:
+            parts += [f"## {word.capitalize()}", table(("variable", "dims", "unit", ""), [_declared(one) for one in declared])]
+    shared = [key for key, p in document["parameters"].items() if p["camera"] and key in camera.names()]
+    own = {key: p for key, p in document["parameters"].items() if key not in shared}
+    if own:
+        parts += ["## Parameters", table(("name", "unit", "default", "allowed", ""), [_parameter(key, p) for key, p in own.items()])]
+    if shared:
+        parts += ["## Of the camera", ", ".join(f"[{shown(key)}](../quantities.md#{anchor(key)})" for key in shared)]
+    if role:
+        others = [d["name"] for d in every if d["role"] == role and d["name"] != name]
+        parts += ["## What it is for", f"{shown(role.capitalize())}: {shown(said_of(role))}."]
+        parts += ["Others of this role: " + ", ".join(f"[{shown(one)}]({one}.md)" for one in others) + "."] if others else []
+    if used:
+        parts += ["## Where it is used", ", ".join(f"[{one}.toml](../../../pipelines/{one}.toml)" for one in used)]
+    parts.append(f"From {document['distribution']} {document['version']}.")
+    return "\n\n".join(parts)
+
+
+def _declared(one: Any) -> tuple[str, ...]:
+    unit = "" if one.unit in ("", "1") else f"`{one.unit}`"
+    said = "the transfer functions of the stages in front" if one.variable.startswith("*.") else variable(one.variable).long_name
+    return f"`{one.variable}`", " ".join(one.dims), unit, shown(said)
+
+
+def _parameter(name: str, p: dict[str, Any]) -> tuple[str, ...]:
+    units = "" if p["units"] in ("", "1") else f"`{p['units']}`"
+    default = "required" if p["required"] else "`''`" if p["default"] == "" else f"`{p['default']}`"
+    allowed = ", ".join(f"`{one}`" for one in p["choices"]) if p["choices"] else shown(p["range"])
+    knob = f"a finer setting costs time; reference: {p['fidelity']}" if p["fidelity"] else ""
+    return f"`{name}`", units, default, allowed, shown("; ".join(filter(None, [p["doc"].rstrip("."), knob])))
+
+
+def anchor(name: str) -> str:
+    """The anchor of a heading that is this name."""
+    return name.lower().replace(" ", "-")
+
+
+def _quantities(registry: Registry) -> str:
+    parts = ["# Camera quantities", "What several stages share stands under `[camera]`, once. On the command line: `etendue quantities`."]
+    for name in camera.names():
+        d = quantity_document(name, registry)
+        if "broken" in d:
+            continue
+        units = "" if d["units"] in ("", "1") else f" {d['units']}"
+        value = "required, no default" if d["required"] else "default `''`" if d["default"] == "" else f"default `{d['default']}{units}`"
+        allowed = "one of " + ", ".join(f"`{one}`" for one in d["choices"]) if d["choices"] else shown(d["range"])
+        takers = ", ".join(f"[{shown(one)}](stages/{one}.md)" for one in d["stages"])
+        said = "; ".join(filter(None, [value, allowed]))
+        parts += [f"## {name}", shown(d["doc"]), said + ".", f"Taken by {takers}." if takers else ""]
+    return "\n\n".join(filter(None, parts))
