@@ -94,8 +94,9 @@ def instants(begun, plan, tmp_path, count):
 
     with dying(fresh(0), 0) as operations:
         run(plan, tmp_path / "0")
-    first = 1 if begun is not None or count > 6 else len(operations) // 2  # before that no cell is there
-    for number in np.unique(np.linspace(first, len(operations), count, dtype=int)):
+    first = 1 if begun is not None else len(operations) // 2  # before that no cell is there
+    chosen = np.linspace(first, len(operations), count, dtype=int)
+    for number in np.unique([*(np.linspace(1, first, count // 4, dtype=int) if count > 6 else ()), *chosen]):
         archive = fresh(number)
         with dying(archive, int(number)), pytest.raises(Died):
             run(plan, archive)

@@ -20,6 +20,14 @@ FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--
 WAIT = 120_000  # ms: a loaded machine is slow, not wrong
 
 
+def expect(locator):
+    """What a page has to come to: asked without evaluating text in it, which it forbids."""
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=WAIT)
+    return expect(locator)
+
+
 @pytest.fixture(scope="module")
 def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
@@ -152,7 +160,7 @@ def test_sliders_are_labelled_and_move_figures_and_pictures(opened, archive):
     label = page.locator(".slider", has_text="f-number")
     assert "f/2" in label.inner_text()
     opened.slide("f_number", 2)
-    page.wait_for_function("document.querySelector('.slider output').textContent === 'f/8'")
+    expect(page.locator(".slider output").first).to_have_text("f/8")
     assert page.get_attribute("#cell .tile.large img", "src") != before
     value = float(stored(archive, "exposure_report", "mean_snr", f_number=8.0, integration_time=0.008))
     assert f"{value:.4g}" in page.inner_text("#cell")
@@ -163,11 +171,11 @@ def test_the_keyboard_moves_sliders_and_maps(opened):
     opened.slide("f_number", 1)
     page.focus("input[data-axis=f_number]")
     page.keyboard.press("ArrowRight")
-    page.wait_for_function("document.querySelector('.slider output').textContent === 'f/8'")
+    expect(page.locator(".slider output").first).to_have_text("f/8")
     page.locator("#map").scroll_into_view_if_needed()
     page.locator("#map svg").focus()
     page.keyboard.press("ArrowLeft")
-    page.wait_for_function("document.querySelector('.slider output').textContent === 'f/4'")
+    expect(page.locator(".slider output").first).to_have_text("f/4")
     assert page.evaluate("document.activeElement.closest('#map') !== null")
 
 
@@ -232,7 +240,7 @@ def test_panes_are_linked_and_the_wipe_lies_between_two_stages(viewer):
     page.mouse.move(box["x"] + 100, box["y"] + 100)
     before = page.inner_text("#pane-status")
     page.mouse.wheel(0, -480)
-    page.wait_for_function("(before) => document.getElementById('pane-status').textContent !== before", arg=before)
+    expect(page.locator("#pane-status")).not_to_have_text(before)
     factor = [float(re.match(r"([\d.]+)", text).group(1)) for text in (before, page.inner_text("#pane-status"))]
     assert factor[1] / factor[0] == pytest.approx(4, rel=0.02)  # two doublings; three digits are shown
     page.get_by_text("Wipe A | B").click()

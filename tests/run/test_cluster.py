@@ -229,7 +229,11 @@ def driver():
     found = importlib.util.spec_from_file_location("cluster_driver", DRIVER)
     module = importlib.util.module_from_spec(found)
     sys.modules["cluster_driver"] = module
-    found.loader.exec_module(module)
+    sys.path.insert(0, str(DRIVER.parent))  # its own rooms stand beside it
+    try:
+        found.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(DRIVER.parent))
     return module
 
 
