@@ -38,6 +38,7 @@ def imported(names):
     return done.stdout.split("\n")[:-1]
 
 
+@pytest.mark.long
 def test_a_run_imports_neither_the_library_of_spectra_nor_tables_nor_plots():
     names = ("smallest", "sensors", "colour")
     assert imported(names) == list(names)

@@ -377,6 +377,7 @@ def assert_held(rows):
         assert row.computed <= row.lost, kind
 
 
+@pytest.mark.long
 def test_damages_are_found_named_and_repaired(driver):
     assert set(FEW) <= set(driver.KINDS)
     assert_held(driver.damaged(1, 1, FEW))

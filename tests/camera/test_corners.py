@@ -3,6 +3,8 @@
 import importlib.util
 from pathlib import Path
 
+import pytest
+
 from etendue.plan.parameters import LARGEST, SMALLEST
 from etendue.registry import installed_stages
 from etendue.spec.stage import parameters_of
@@ -17,6 +19,7 @@ def driver():
     return module
 
 
+@pytest.mark.long
 def test_every_camera_quantity_may_stand_at_the_ends_of_its_range():
     """One at a time, in a whole camera of 16 x 16 pixels; warnings are errors."""
     corners = driver()

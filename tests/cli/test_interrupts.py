@@ -31,6 +31,7 @@ sys.meta_path.insert(0, Slowly())
 """
 
 
+@pytest.mark.long
 def test_a_signal_while_anything_is_imported_is_answered_in_one_line(tmp_path):
     """The first heavy import, that of numpy, and that of what runs the batches: each is stopped in its middle."""
     for number, (name, sent) in enumerate((("click", signal.SIGINT), ("numpy", signal.SIGTERM), ("dask", signal.SIGINT))):

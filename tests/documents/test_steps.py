@@ -101,6 +101,7 @@ class Reader:
                     return
 
 
+@pytest.mark.long
 def test_the_first_picture_is_there_after_the_commands_that_lead_to_it(tmp_path):
     Reader(tmp_path).follows("first_picture.md", until="first.png")
     assert (tmp_path / "mine" / "contact_sheet.png").exists() and (tmp_path / "first.png").stat().st_size > 1e4

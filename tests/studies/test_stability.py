@@ -80,6 +80,7 @@ def test_an_unknown_stage_is_a_wrong_request_with_the_nearest_name(tmp_path):
         study.parts(["difusion"])
 
 
+@pytest.mark.long
 def test_processes_change_nothing_but_the_time():
     names = ["full_well", "encode", "pixel_numbers"]
     alone = study.stability(names, workers=1)
