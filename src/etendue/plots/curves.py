@@ -195,4 +195,4 @@ def _legend(figure: Any, axes: Any, dashed: bool) -> None:
     if dashed:
         handles = [*handles, Line2D([], [], color="0.6", linestyle="--", linewidth=0.9, label="Nyquist")]
     if handles:
-        figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
+        figure.legend(handles=handles, loc="outside right center", fontsize=8, frameon=False)
