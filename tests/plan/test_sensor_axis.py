@@ -13,6 +13,7 @@ from etendue.registry import installed_stages
 from etendue.spec.pipeline import parse_pipeline
 from etendue.spec.presets import preset
 from etendue.studies.axis import without_sweep
+from etendue.studies.edge import pitches_of
 from tests.run.small import run
 
 TEXT = (Path(__file__).parents[2] / "pipelines" / "sensors.toml").read_text()
@@ -133,3 +134,9 @@ def test_studies_of_one_camera_take_the_sensor_that_is_named_or_the_first():
     alone, at = without_sweep(parse_pipeline(NAMELESS, overrides={**SMALL, "sweep.sensor": list(SENSORS[1:])}))
     assert at == {"sensor": "sony-imx363"}
     assert keys(make_plan(replace(alone, wanted=("raw",)), installed_stages())) == keys(plan_of(**{"camera.sensor": "sony-imx363"}))
+
+
+def test_an_edge_is_as_soft_as_the_pitch_of_each_sensor_asks():
+    assert pitches_of(plan_of(**{"sweep.sensor": list(SENSORS)})) == [5.86, 1.4, 5.4]
+    assert pitches_of(plan_of(**{"sweep.pixel_pitch": [3, 4]})) == [3, 4]
+    assert pitches_of(plan_of()) == [5.86]

@@ -22,7 +22,7 @@ from etendue.cli.saying import command, say
 )
 @click.option("--at", multiple=True, metavar="AXIS=VALUE", help="f_number=2.8; may be repeated. An axis not named: all its values.")
 @click.option("--stage", default="", metavar="NAME", help="Take it from this stage; default the last one that wrote it.")
-@click.option("--output", type=FOLDER, metavar="PATH", help="A folder, or the file for one picture; default ./ARCHIVE-export.")
+@click.option("-o", "--output", type=FOLDER, metavar="PATH", help="A folder, or the file for one picture; default ./ARCHIVE-export.")
 @click.option("--all", "everything", is_flag=True, help="Also more than 64 files.")
 @click.option("--force", is_flag=True, help="Write over files that exist.")
 @JSON

@@ -111,8 +111,16 @@ def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
 
 def _pixels(sigma: float, plan: Plan, position: int) -> float:
     """Softness of the edge in pixels, where the pitch itself may be the axis."""
-    pitch = next((a.values[position] for a in plan.axes if a.key == "pixel_pitch"), None) or plan.camera["pixel_pitch"]
-    return sigma / float(pitch)
+    pitches = pitches_of(plan)
+    return sigma / pitches[position if len(pitches) > 1 else 0]
+
+
+def pitches_of(plan: Plan) -> list[float]:
+    """Every pitch that an axis brings, its own or that of sensors, in order; else that of the camera."""
+    for axis in plan.axes:
+        if axis.key == "pixel_pitch" or "pixel_pitch" in axis.gives:
+            return [float(axis.value("pixel_pitch", position)) for position in range(len(axis.values))]
+    return [float(plan.camera["pixel_pitch"])]
 
 
 def crossing(picture: Any, sigma: float) -> float:
@@ -141,7 +149,7 @@ def edge_and_field(
         raise ValueError("there is no single scene to be replaced by an edge")
     source = sources[0]
     light = plan.of(source.name)[0].grids["radiance"]
-    pitches = next(([float(v) for v in a.values] for a in plan.axes if a.key == "pixel_pitch"), [float(plan.camera["pixel_pitch"])])
+    pitches = pitches_of(plan)
     paper = pixel.alternatives[0].values.get("sampling") == "paper"
     spacing, softness = (min(pitches), 0.5) if paper else (min(pitches) / 4, 1.0)
     edges = light.bands().edges

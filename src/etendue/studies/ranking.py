@@ -163,7 +163,7 @@ def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]
     if found.own_reference:
         lines.append(("rank", f"by {_ranked_by(found)}: on one linear scale, references of different light cannot be held side by side"))
     lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: of the finished picture"))
-    lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free"))
+    lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free; ideal: that of the reference"))
     if any(row.seconds is not None for row in found.rows):
         lines.append(("error", "rms, full scale 1, of what the rows are ranked by; against time in error_against_time.png"))
         lines.append(("time", "of the stage alone, one thread; * nothing better is as fast"))
