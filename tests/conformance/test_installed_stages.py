@@ -193,6 +193,7 @@ class TestInstalled(StageConformance):
         self.stage = kind(**ordinary(kind))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "variant"), CASES)
 class TestVariants(StageConformance):
     """Without the laws of stability: the command holds them at every end of every range (``tests/studies/test_stability.py``)."""
