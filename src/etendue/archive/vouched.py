@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from itertools import product
@@ -102,6 +102,24 @@ class VouchedStore(WrapperStore[LocalStore]):
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, ByteRequest | None]]
     ) -> list[Buffer | None]:  # fmt: skip
         return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
+
+    # Ways past ``get`` that Zarr 3.4 and later take through a wrapper to the files:
+
+    async def get_ranges(
+        self, key: str, byte_ranges: Sequence[ByteRequest | None], *, prototype: BufferPrototype, **_: Any
+    ) -> AsyncIterator[Sequence[tuple[int, Buffer | None]]]:  # fmt: skip
+        for number, byte_range in enumerate(byte_ranges):
+            yield [(number, await self.get(key, prototype, byte_range))]
+
+    async def _get_many(
+        self, requests: Iterable[tuple[str, BufferPrototype, ByteRequest | None]]
+    ) -> AsyncGenerator[tuple[str, Buffer | None], None]:
+        for key, prototype, byte_range in requests:
+            yield key, await self.get(key, prototype, byte_range)
+
+    @property
+    def _supports_sync_io(self) -> bool:
+        return False
 
     async def exists(self, key: str) -> bool:
         if self._hidden(key):
