@@ -28,4 +28,3 @@ def test_one_note_names_the_smallest_field_and_only_the_axes_that_change_it():
 
 def test_of_light_that_is_the_same_everywhere_nothing_is_lost():
     assert not notes(scene="uniform", pixel_pitch=1.0)
-

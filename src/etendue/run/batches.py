@@ -19,7 +19,7 @@ from etendue.run.bands import elsewhere
 from etendue.run.cell import compute
 from etendue.run.job import Job
 from etendue.run.jobs import Jobs
-from etendue.run.order import numbers_depth_first
+from etendue.run.order import Needs
 from etendue.run.ownership import in_its_place
 from etendue.run.segments import Result
 from etendue.run.strips import walked
@@ -57,13 +57,17 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
     batches: list[Batch] = []
     behind: dict[tuple[int, ...], int] = {}  # the open batch behind the batches that hold the newest inputs
     units = _Units(jobs)
+    needs = Needs(len(units), units.needed)
     home = array("i", bytes(4 * len(units)))
-    for unit in numbers_depth_first(len(units), lambda n: [units.of(ref) for ref in units.needs(n)]):
-        refs = units.needs(unit)
-        needed = {home[units.of(r)] for r in refs}
+    for unit in needs.depth_first():
+        needed = {home[other] for other in needs.of(unit)}
         seconds = units.seconds(unit)
-        level = max((batches[b].level for b in needed), default=-1)
-        newest = tuple(sorted(b for b in needed if batches[b].level == level))
+        if len(needed) == 1:
+            newest: tuple[int, ...] = tuple(needed)
+            level = batches[newest[0]].level
+        else:
+            level = max((batches[b].level for b in needed), default=-1)
+            newest = tuple(sorted(b for b in needed if batches[b].level == level))
         chosen = None
         for candidate in (*(newest if len(newest) == 1 else ()), behind.get(newest)):
             if candidate is not None and batches[candidate].seconds + seconds <= target_seconds:
@@ -77,7 +81,9 @@ def partition(jobs: Mapping[CellRef, Job], target_seconds: float = TARGET_SECOND
         batch.refs += units.members(unit)
         batch.seconds += seconds
         home[unit] = chosen
-        for r in refs:
+        if needed <= {chosen}:
+            continue
+        for r in units.needs(unit):
             source = home[units.of(r)]
             if source != chosen:
                 batch.inputs.add(source)
@@ -122,8 +128,14 @@ class _Units:
         own = set(self.together[unit])
         return tuple(dict.fromkeys(r for ref in self.together[unit] for r in self.needs_of(ref) if r not in own))
 
+    def needed(self, unit: int) -> set[int]:
+        """The units that a unit reads of."""
+        return {self.of(ref) for ref in self.needs(unit)}
+
     def seconds(self, unit: int) -> float:
-        return sum(self.seconds_of(ref) for ref in self.members(unit))
+        if unit not in self.together:
+            return self.seconds_of(self.first[unit])
+        return sum(self.seconds_of(ref) for ref in self.together[unit])
 
 
 @dataclass

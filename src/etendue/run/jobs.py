@@ -66,6 +66,7 @@ class Jobs(Mapping[CellRef, Job]):
         self.spectra, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
+        self.looked: dict[str, tuple[Any, Looking]] = {}
         for ref, cell in plan.cells.items():
             if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
                 self.direct[ref] = found
@@ -150,7 +151,7 @@ class Jobs(Mapping[CellRef, Job]):
             sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
             deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
             seconds=seconds, by_band=bands, segment=segment,
-            looking=_looking(plan, self.nodes, cell) if cell.looks_at else None,
+            looking=self._looking(cell) if cell.looks_at else None,
             waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
             mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None, expected=plan.expected,
             look=self.looks.get(ref),
@@ -208,6 +209,13 @@ class Jobs(Mapping[CellRef, Job]):
                 input_grids = known[1] if known[1] == input_grids else input_grids
             known = self.grids[cell.node] = grids, input_grids
         return known
+
+    def _looking(self, cell: Cell) -> Looking:
+        """What a cell looks at; that of the cell before it where they look at the same."""
+        known = self.looked.get(cell.node)
+        if known is None or known[0] != cell.looks_at:
+            known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)
+        return known[1]
 
     def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
         """Seconds, and the variables made by band: found out once for cells of one class and grids."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -15,35 +16,46 @@ def depth_first(keys: Iterable[Key], needs: Callable[[Key], Iterable[Key]]) -> l
     """Keys so ordered that each stands behind all it needs, and a chain is finished before its sibling is begun."""
     every = list(keys)
     number = {key: n for n, key in enumerate(every)}
-    return [every[n] for n in numbers_depth_first(len(every), lambda n: [number[key] for key in needs(every[n])])]
+    return [every[n] for n in Needs(len(every), lambda n: [number[key] for key in needs(every[n])]).depth_first()]
 
 
-def numbers_depth_first(count: int, needs: Callable[[int], Iterable[int]]) -> array[int]:
-    """The same of numbers below ``count``: 20 bytes for each of them and each of its needs."""
-    waiting, needed, readers = array("i", bytes(4 * count)), array("i"), array("i")
-    for n in range(count):
-        others = set(needs(n))
-        waiting[n] = len(others)
-        for other in others:
-            needed.append(other)
-            readers.append(n)
-    behind, first = _by_needed(needed, readers, count)
-    order, ready = array("i"), array("i", [n for n in reversed(range(count)) if not waiting[n]])
-    while ready:
-        n = ready.pop()
-        order.append(n)
-        for reader in reversed(behind[first[n] : first[n + 1]]):
-            waiting[reader] -= 1
-            if not waiting[reader]:
-                ready.append(reader)
-    return order
+class Needs:
+    """What each number below ``count`` needs of the others, asked for once: 12 bytes for each of them and each of its needs."""
 
+    def __init__(self, count: int, needs: Callable[[int], Iterable[int]]) -> None:
+        self.count, self.first, self.needed = count, array("i", bytes(4 * (count + 1))), array("i")
+        for n in range(count):
+            self.needed.extend(needs(n))
+            self.first[n + 1] = len(self.needed)
 
-def _by_needed(needed: array[int], readers: array[int], count: int) -> tuple[array[int], array[int]]:
-    """Who needs each number, one behind the other, and where those of each begin."""
-    by = np.frombuffer(needed, np.int32) if needed else np.zeros(0, np.int32)
-    behind, first = array("i"), array("i", bytes(4 * (count + 1)))
-    if needed:
-        behind.frombytes(np.frombuffer(readers, np.int32)[np.argsort(by, kind="stable")].tobytes())
-        np.cumsum(np.bincount(by, minlength=count), out=np.frombuffer(first, np.int32)[1:])
-    return behind, first
+    def of(self, number: int) -> array[int]:
+        """In the order in which they were given."""
+        return self.needed[self.first[number] : self.first[number + 1]]
+
+    def depth_first(self) -> array[int]:
+        """All numbers, each behind all it needs, a chain before its sibling."""
+        waiting = array("i", self._counts().tobytes())
+        behind, first = self._readers()
+        order, ready = array("i"), array("i", [n for n in reversed(range(self.count)) if not waiting[n]])
+        while ready:
+            n = ready.pop()
+            order.append(n)
+            for reader in reversed(behind[first[n] : first[n + 1]]):
+                waiting[reader] -= 1
+                if not waiting[reader]:
+                    ready.append(reader)
+        return order
+
+    def _counts(self) -> NDArray[np.int32]:
+        first = np.frombuffer(self.first, np.int32)
+        return first[1:] - first[:-1]
+
+    def _readers(self) -> tuple[array[int], array[int]]:
+        """Who needs each number, one behind the other, and where those of each begin."""
+        behind, first = array("i"), array("i", bytes(4 * (self.count + 1)))
+        if self.needed:
+            by = np.frombuffer(self.needed, np.int32)
+            readers = np.repeat(np.arange(self.count, dtype=np.int32), self._counts())
+            behind.frombytes(readers[np.argsort(by, kind="stable")].tobytes())
+            np.cumsum(np.bincount(by, minlength=self.count), out=np.frombuffer(first, np.int32)[1:])
+        return behind, first
