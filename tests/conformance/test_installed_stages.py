@@ -19,6 +19,7 @@ VARIANTS = {
     "siemens_star": [{"low": 0.0, "radius": 8.0}, {"radius": 8.0, **HARD}],
     "zone_plate": [{"low": 0.0, "radius": 8.0}, {"radius": 8.0, **HARD}],
     "step_wedge": [{"low": 0.9, "high": 0.01}, WHOLE, {**WHOLE, **HARD}],
+    "patch_chart": [{"across": 1}, {"across": 3, "background": 0.0}, CELLS, {"gap": 0.0, **HARD}],
     "points": [{"background": 0.0}, {"pitch": 9.0, "spot_sigma": 0.5}, {"spot_sigma": 1e-3, "background": 0.0, **HARD}],
     "dead_leaves": [
         {"smallest": 1.0, "largest": 9.0, "low": 0.0},

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.spectra.bins import FloatArray, require_name
+from etendue.spectra.bins import require_name
+from etendue.spectra.files import FloatArray
 
 UNWANTED_WARNING = "related API features are not available"
 OBSERVERS = ("CIE 1931 2 Degree Standard Observer", "Stockman & Sharpe 2 Degree Cone Fundamentals")

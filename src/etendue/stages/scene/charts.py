@@ -155,7 +155,7 @@ class Scene(Source, Banded):
         return {"radiance": white[:, None, None] * reflectance, "white_radiance": white}
 
 
-def _softness() -> Any:
+def softness_knob() -> Any:
     return param(
         1.0, at_least=0, fidelity=True, reference="the ideal chart", studied=True,
         settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
@@ -182,7 +182,7 @@ class _TwoLevels(Scene):
 
     low: float = param(0.1, at_least=0, at_most=1)
     high: float = param(0.9, at_least=0, at_most=1)
-    softness: float = _softness()
+    softness: float = softness_knob()
 
     def known(self) -> Facts:
         charts.require_levels(self.low, self.high)  # refused before anything is drawn if they stand the wrong way round
@@ -235,7 +235,7 @@ class StepWedge(Scene):
     steps: int = param(12, at_least=2, held=(2, 1000))
     low: float = param(0.01, above=0, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
-    softness: float = _softness()
+    softness: float = softness_knob()
 
     def known(self) -> Facts:
         return Facts(uniform=False, contrast=max(self.high / self.low, self.low / self.high))
@@ -255,7 +255,7 @@ class Points(Scene):
     spot_sigma: float = param(1.0, units="um", above=0, doc="rms width of a spot")
     background: float = param(0.001, at_least=0, at_most=1)
     peak: float = param(1.0, above=0, at_most=1)
-    softness: float = _softness()
+    softness: float = softness_knob()
 
     def known(self) -> Facts:
         charts.require_levels(self.background, self.peak)
@@ -293,7 +293,7 @@ class ColorChecker(_Coloured):
 
     background: float = param(0.18, above=0.025, at_most=1)
     gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in patch pitches")
-    softness: float = _softness()
+    softness: float = softness_knob()
 
     def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
         white, reflectance = prepared
@@ -315,7 +315,7 @@ class CompositeChart(_Coloured):
     low: float = param(0.05, above=0.025, at_most=1)
     high: float = param(0.9, above=0, at_most=1)
     margin: float = param(0.0, units="um", at_least=0, doc="mid-grey around the chart, inside width and height")
-    softness: float = _softness()
+    softness: float = softness_knob()
 
     def known(self) -> Facts:
         charts.require_levels(self.low, self.high)
