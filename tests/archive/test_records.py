@@ -114,6 +114,7 @@ def recorded(plan, archive):
     return archive / "runs/0001.toml"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "words"), [(name, words) for name, many in ASKED.items() for words in many], ids=str)
 def test_a_record_has_the_keys_of_its_run(tmp_path, name, words):
     if "demosaic_nearest" not in installed_stages() and "mine" in str(words):

@@ -254,6 +254,7 @@ def test_a_uniform_scene_in_cells_is_handed_on_bit_by_bit():
         assert arrays[name].tobytes() == arrays["irradiance"].tobytes()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["diffraction", "lens_gaussian", "pixel"])
 def test_transfer_stages_keep_every_law_on_cells(name):
     from etendue.spec.grid import Bands, Grid, Line

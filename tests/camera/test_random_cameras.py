@@ -21,6 +21,7 @@ SEEDS = (2, 4, 7, 13, 16, 22, 24, 26, 29, 32, 38, 41)
 TIMES = len(camera_laws.TIMES)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_camera_obeys_the_laws_or_is_refused_with_a_reason(seed, tmp_path):
     verdict = random_cameras.judge(seed, tmp_path, small=True)

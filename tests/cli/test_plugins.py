@@ -82,6 +82,7 @@ BROKEN = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_broken_stage_fails_only_what_uses_it_and_is_listed_as_broken(etendue, tmp_path, case):
     source, reason = BROKEN[case]
@@ -109,6 +110,7 @@ BROKEN_MANIFESTS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", BROKEN_MANIFESTS)
 def test_a_broken_manifest_fails_only_what_uses_it_and_is_noted(etendue, tmp_path, case):
     source, reason = BROKEN_MANIFESTS[case]

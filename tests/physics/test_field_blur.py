@@ -75,6 +75,7 @@ def test_full_rank_and_tiles_on_the_same_grid_are_the_same():
         np.testing.assert_allclose(blur.apply(planes, eigen), blur.apply(planes, tiles), atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 @pytest.mark.parametrize("method", ["tiles", "eigen"])
 @pytest.mark.parametrize("light", ["bandlimited", "cells"])

@@ -29,6 +29,7 @@ def mean_position(kernel, spacing):
     return np.array([kernel.sum(axis=1) @ step, kernel.sum(axis=0) @ step])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("light", ["bandlimited", "cells"])
 @pytest.mark.parametrize("spacing", [0.3, 0.5, 0.8, 1.4])
 def test_a_kernel_keeps_flux_and_mean_position_at_every_place(light, spacing):

@@ -123,6 +123,7 @@ def test_arrays_of_cells_without_a_result_read_as_missing(first, place):
         assert (tree["adc/32x32/raw"].sel(f_number=5.6).values == 0).all()
 
 
+@pytest.mark.long
 def test_the_printed_command_repeats_the_failed_cell_alone(first, place):
     shutil.copytree(place / "a", place / "b")
     shown = etendue(place, "run", place / "small.toml", "--archive", place / "b", "--quiet")
@@ -139,6 +140,7 @@ def test_the_printed_command_repeats_the_failed_cell_alone(first, place):
     assert mended.returncode == 0
 
 
+@pytest.mark.long
 def test_the_next_run_computes_only_what_failed_or_was_skipped(first, fresh, place):
     again = etendue(place, "run", place / "small.toml", "--archive", place / "a", "--json")
     assert again.returncode == 3

@@ -191,6 +191,7 @@ def test_memory_and_archive_hold_the_same_tree(tmp_path):
                     np.testing.assert_array_equal(mine, its, err_msg=f"{node.path}/{name}")
 
 
+@pytest.mark.long
 def test_a_cluster_gives_the_same_bits_in_memory_and_in_an_archive(tmp_path):
     distributed = pytest.importorskip("distributed")
     plan = plan_of(SWEEP)

@@ -85,6 +85,7 @@ def test_a_stage_that_breaks_off_ends_its_cell_alone(place, scheduler):
     check(place, done, scheduler, fails, FINE)
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_or_hangs_ends_the_cell_at_which_it_was_alone(place):
     """In one batch with cells that behave: these are computed all the same, and again nothing but the guilty ones fails."""
     fine = ["behaves", "gives its input", "gives lists"]

@@ -46,6 +46,7 @@ def naive(tmp_path_factory):
     return etendue(tmp_path_factory.mktemp("naive"), "stability", *names, "--workers", "1", "--json")
 
 
+@pytest.mark.long
 def test_a_naive_plugin_is_caught_in_each_of_its_faults_by_name(naive):
     assert naive.returncode == 1
     rows = json.loads(naive.stdout)["cases"]
@@ -123,6 +124,7 @@ def test_a_kernel_that_loses_digits_is_told_by_its_closed_form():
     assert told.error == pytest.approx(1e-12, rel=1e-2)  # a few roundings of 1e-16 beside it
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["ordinary", "f_number = 1e+06", "pixel_pitch = 0.1", "white of 1 electron", "black scene", "1 x 1 pixels", "scene of 1e8 : 1"]
 )
