@@ -425,43 +425,6 @@ def csv(tmp_path, text):
     return path
 
 
-SPDX = """<?xml version="1.0" encoding="utf-8"?>
-<IESTM2714 xmlns="http://www.ies.org/iestm2714" version="1.0">
-<Header><Description>a lamp</Description></Header>
-<SpectralDistribution><SpectralQuantity>relative</SpectralQuantity>{}</SpectralDistribution></IESTM2714>"""
-
-
-def spdx(tmp_path, rows):
-    path = tmp_path / "lamp.spdx"
-    path.write_text(SPDX.format("".join(f'<SpectralData wavelength="{at}">{value}</SpectralData>' for at, value in rows)))
-    return path
-
-
-@given(st.lists(st.floats(0, 10), min_size=2, max_size=12), st.floats(1, 40))
-@settings(max_examples=15)
-def test_a_file_of_the_lighting_industry_is_the_table_of_its_numbers(tmp_path_factory, values, step):
-    folder = tmp_path_factory.mktemp("spectra")
-    rows = [(400.0 + step * n, value) for n, value in enumerate(values)]
-    table = csv(folder, "wavelength_nm,lamp\n" + "\n".join(f"{at!r},{value!r}" for at, value in rows))
-    names, *found = spectra.csv_rows(spdx(folder, rows))
-    wanted_names, *wanted = spectra.csv_rows(table)
-    assert names == wanted_names
-    for one, other in zip(found, wanted, strict=True):
-        assert_array_equal(one, other)
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [("not xml", "no spectrum of IES TM-27-14"), (SPDX.format(""), "."), ("<a></a>", "no spectrum of IES TM-27-14")],
-)
-def test_a_broken_file_of_the_lighting_industry_is_named(tmp_path, text, match):
-    path = tmp_path / "lamp.spdx"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=match) as error:
-        spectra.csv_rows(path)
-    assert "lamp.spdx" in str(error.value)
-
-
 def test_a_csv_table_with_uneven_rows_is_averaged_exactly(tmp_path):
     path = csv(tmp_path, "# a filter\nwavelength_nm, a, b\n\n400,0,1\n410,1,1 # foot\n440,0,1\n")
     names, means = spectra.table_from_csv(path, [390.0, 400.0, 410.0, 425.0, 445.0])

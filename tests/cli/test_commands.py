@@ -283,7 +283,7 @@ def test_stdout_carries_results_and_stderr_notes_and_no_progress_where_it_is_no_
 
 
 def test_progress_is_drawn_on_a_terminal_and_not_when_asked_to_be_quiet(file, tmp_path):
-    whole = ("--set", "scene.width=16 um", "--set", "scene.height=16 um")  # of a cropped scene there is a note
+    whole = ("--set", "pixel.rows=8", "--set", "pixel.columns=8", "--sweep", "pixel_pitch=4,5")  # of a cropped scene there is a note
 
     def drawn(*options):
         """What arrives on stderr when that is a terminal."""

@@ -2,9 +2,8 @@
 
 from etendue.discovery import spectrum
 from etendue.spectra.authority import colour_version
-from etendue.spectra.bins import Edges, csv_rows, require_rows, table_from_csv
+from etendue.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv
 from etendue.spectra.ends import cut_off_note, held_in_the_infrared, held_note
-from etendue.spectra.files import FloatArray
 from etendue.spectra.library import (
     camera_rows,
     camera_sensitivity,

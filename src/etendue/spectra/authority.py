@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.spectra.bins import require_name
-from etendue.spectra.files import FloatArray
+from etendue.spectra.bins import FloatArray, require_name
 
 UNWANTED_WARNING = "related API features are not available"
 OBSERVERS = ("CIE 1931 2 Degree Standard Observer", "Stockman & Sharpe 2 Degree Cone Fundamentals")

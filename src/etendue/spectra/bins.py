@@ -1,4 +1,4 @@
-"""Means over wavelength bins, and tables from files.
+"""Means over wavelength bins, and tables from CSV files.
 
 In:  the rows of a table (nm, values) and bin edges (n + 1 ascending values, nm).
 Out: plain float64 arrays, one mean per bin.
@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from etendue.discovery import spectrum
 from etendue.spectra.ends import beyond, reach_of
-from etendue.spectra.files import FloatArray, read_table
 
+FloatArray = npt.NDArray[np.float64]
 Edges = Sequence[float] | FloatArray
 Outside = Literal["zero", "hold"]
 
@@ -66,18 +66,19 @@ def with_reach(rows: FloatArray, nodes: FloatArray, values: FloatArray) -> tuple
     return np.concatenate([[first], nodes, [last]]), np.concatenate([values[:1], values, values[-1:]])
 
 
-# ------------------------------------------------------------------------------------------------------ files
+# -------------------------------------------------------------------------------------------------- CSV files
 
 
 def table_from_csv(
     path: str | Path, edges: Edges, columns: Iterable[str] | None = None, outside: Outside = "zero"
 ) -> tuple[list[str], FloatArray]:
-    """Bin means of a table in a file.
+    """Bin means of a table in a CSV file.
 
     Parameters
     ----------
     path : str or Path
-        As `files.read_table` reads it: ``.csv`` or ``.spdx``.
+        Header ``wavelength_nm,a,b,...``, then at least two rows of numbers with ascending wavelengths, in any
+        spacing. ``#`` starts a comment; empty lines are skipped; UTF-8.
     edges : (n + 1,) ascending, nm
     columns : names, optional
         Which columns, in which order. All of them by default.
@@ -95,7 +96,7 @@ def table_from_csv(
         A broken file, naming file and line, or a column it does not have.
     """
     checked = checked_edges(edges)
-    names, nodes, values = read_table(Path(spectrum(str(path)) or path))
+    names, nodes, values = _read_csv(Path(spectrum(str(path)) or path))
     wanted = names if columns is None else list(columns)
     for name in wanted:
         require_name(name, names, f"column of {path}:")
@@ -108,7 +109,7 @@ def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
 
     The name under which a distribution brings a table is as good as its path.
     """
-    return read_table(Path(spectrum(str(path)) or path))
+    return _read_csv(Path(spectrum(str(path)) or path))
 
 
 def require_rows(path: str | Path, edges: Edges) -> None:
@@ -119,6 +120,45 @@ def require_rows(path: str | Path, edges: Edges) -> None:
             f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {bounds[0]:g} to {bounds[-1]:g} nm; "
             "add rows, or narrow the scene's wavelengths"
         )
+
+
+def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a UTF-8 text file ({error.reason} at byte {error.start})") from error
+    numbered = enumerate(text.splitlines(), start=1)
+    stripped = ((number, line.partition("#")[0].strip()) for number, line in numbered)
+    lines = [(number, [cell.strip() for cell in line.split(",")]) for number, line in stripped if line]
+    if not lines:
+        raise ValueError(f"{path}: no header; expected 'wavelength_nm,a,b,...'")
+    first, header = lines[0]
+    names = header[1:]
+    if header[0] != "wavelength_nm" or not names or not all(names) or len(set(names)) < len(names):
+        raise ValueError(f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names")
+    rows = [_csv_row(path, number, cells, header) for number, cells in lines[1:]]
+    if len(rows) < 2:
+        raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    table = np.array(rows)
+    for (number, _), before, after in zip(lines[2:], table[:-1, 0], table[1:, 0], strict=True):
+        if not after > before:
+            raise ValueError(f"{path}, line {number}: wavelength {after:g} nm does not ascend from {before:g} nm")
+    return names, table[:, 0], table[:, 1:]
+
+
+def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> list[float]:
+    if len(cells) != len(header):
+        raise ValueError(f"{path}, line {number}: {len(cells)} cells, but the header has {len(header)}")
+    values = []
+    for cell, name in zip(cells, header, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise ValueError(f"{path}, line {number}: {cell!r} in column {name!r} is not a finite number")
+        values.append(value)
+    return values
 
 
 def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:

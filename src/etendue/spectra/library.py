@@ -18,8 +18,7 @@ import numpy as np
 from etendue.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
 from etendue.discovery import spectrum
 from etendue.spectra import shipped
-from etendue.spectra.bins import Edges, bin_means, checked_edges, csv_rows, frozen, table_from_csv, with_reach
-from etendue.spectra.files import FloatArray
+from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, table_from_csv, with_reach
 from etendue.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, state_of
 
 SECOND_RADIATION_CONSTANT = PLANCK * SPEED_OF_LIGHT / BOLTZMANN * 1e9  # nm K

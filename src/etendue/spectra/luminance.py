@@ -12,9 +12,8 @@ import numpy as np
 from etendue.constants import LUMINOUS_EFFICACY
 from etendue.spectra import shipped
 from etendue.spectra.authority import OBSERVERS
-from etendue.spectra.bins import Edges, checked_edges
+from etendue.spectra.bins import Edges, FloatArray, checked_edges
 from etendue.spectra.ends import CONSEQUENCE
-from etendue.spectra.files import FloatArray
 from etendue.spectra.library import illuminant, illuminant_rows, planck_power
 from etendue.spectra.names import COMPUTED, EYE, MOST_OF_IT, line_of, range_of, state_of
 

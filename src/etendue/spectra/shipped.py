@@ -21,7 +21,7 @@ import numpy as np
 
 from etendue import cache
 from etendue.spectra import authority
-from etendue.spectra.files import FloatArray
+from etendue.spectra.bins import FloatArray
 
 VERSION = "colour-science"  # under this name the file holds the version it was made from
 Arrays = dict[str, np.ndarray[Any, Any]]

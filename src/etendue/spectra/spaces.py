@@ -5,8 +5,7 @@ Out: matrices and chromaticities, read-only float64; ValueError for an unknown n
 """
 
 from etendue.spectra import shipped
-from etendue.spectra.bins import frozen
-from etendue.spectra.files import FloatArray
+from etendue.spectra.bins import FloatArray, frozen
 
 
 def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:

@@ -12,8 +12,7 @@ import numpy as np
 
 from etendue.spectra import shipped
 from etendue.spectra.authority import BASIS
-from etendue.spectra.bins import Edges, bin_means, checked_edges, frozen
-from etendue.spectra.files import FloatArray
+from etendue.spectra.bins import Edges, FloatArray, bin_means, checked_edges, frozen
 from etendue.spectra.library import colour_matching, span
 from etendue.spectra.names import EYE
 

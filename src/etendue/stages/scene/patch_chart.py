@@ -30,7 +30,7 @@ class PatchChart(Scene):
 
     reflectances: str = param(
         file=True, example="package:etendue/data/examples/reflectances.csv",
-        doc="CSV wavelength_nm, then a column of reflectance (0 to 1) for each patch, or an .spdx file of one",
+        doc="CSV wavelength_nm, then a column of reflectance (0 to 1) for each patch",
     )  # fmt: skip
     across: int = param(
         0, at_least=0, held=(0, 1000), doc="patches in a row; 0: so many that they come out nearly square, and few places empty"

@@ -170,7 +170,7 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     if lowest <= edges[0] and edges[-1] <= highest:
         return []  # without colour-science
     names, rows, values = spectra.camera_rows(stage.sensitivity)
-    what = stage.sensitivity if spectra.spectrum(stage.sensitivity) == stage.sensitivity else f"the sensitivity {stage.sensitivity!r}"
+    what = stage.sensitivity if stage.sensitivity.endswith(".csv") else f"the sensitivity {stage.sensitivity!r}"
     chosen = [column for column in _columns_of(stage, names) if column is not None]
     curves = values[:, chosen] / (rows[:, None] if stage.sensitivity_per == "energy" else 1.0)
     return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])
