@@ -11,7 +11,7 @@ SIDE = 48.0  # um, of the shared scene; the sensor has 8 x 8 pixels
 
 def notes(scene="composite", sweep="", **overrides):
     plan = plan_of(chain(scene=scene, sweep=sweep), overrides={f"camera.{name}": value for name, value in overrides.items()})
-    return [text for text in plan.warnings if "cropped" in text]
+    return [text for text in plan.warnings if "crops" in text]
 
 
 @pytest.mark.parametrize("pitch", [6.0, 4.3, 4.2, 1.0])
@@ -22,7 +22,7 @@ def test_it_is_told_below_half_of_the_area(pitch):
 def test_one_note_names_the_smallest_field_and_only_the_axes_that_change_it():
     (note,) = notes(sweep='f_number = [2, 4]\npixel_pitch = ["6 um", "2 um", "4 um"]')
     assert re.findall(r"([\d.]+) um x ([\d.]+) um", note) == [("16", "16"), ("48", "48")]
-    assert "at pixel_pitch = 2 um (less than half of the area in 4 of 6 cells)" in note
+    assert "at pixel_pitch = 2 um (to less than half of its area in 4 of 6 cells)" in note
     assert "f_number" not in note
 
 

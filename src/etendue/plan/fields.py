@@ -54,10 +54,10 @@ def _note(node: Node, own: Sequence[tuple[_Field, Cell]], axes: Mapping[str, Axi
         if _matters(own, number)
     ]
     at = f" at {', '.join(point)}" if point else ""
-    counted = f" (less than half of the area in {len(cropped)} of {len(own)} cells)" if len(own) > 1 else ""
+    counted = f" (to less than half of its area in {len(cropped)} of {len(own)} cells)" if len(own) > 1 else ""
     return [
-        f"{node.name}: the pixels take the middle {_sides(least.taken)} of {_sides(least.light)} of light{at}{counted}: the picture is "
-        "cropped; if the whole scene is wanted, make its width and height smaller, or the sensor larger"
+        f"{node.name}: crops the light to its middle {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; where the whole scene is "
+        "wanted, make its width and height smaller, or the sensor larger"
     ]
 
 
