@@ -4,7 +4,7 @@
 
 Ways: in memory with the picture kept, and everything kept in Zarr; the first call in a process and the calls after it, in wall seconds.
 A monochrome camera up to its codes, as Pyxel's is. The first call includes the imports that it asks for; `import etendue` is counted
-apart. Pyxel on as many points: `pyxel_peer.py`; 9.65 to 9.85 s (3.0.2, Dask threads, warm, the image kept) once on another day: `--reference`.
+apart. Pyxel on as many points: `pyxel_peer.py`; once 9.65 to 9.85 s (3.0.2, Dask threads, warm, the image kept): `--reference`.
 """
 
 from __future__ import annotations
