@@ -118,6 +118,39 @@ def test_without_a_region_the_strongest_slanted_edge_is_found(tmp_path):
     inside(found[0], "mtf50", FIFTY, 2e-3)
 
 
+def box(half, angle, shape=(200, 220)):
+    """A turned square through a Gaussian of 1 pixel, 0 to 1."""
+    y, x = np.arange(shape[0])[:, None] - 98.3, np.arange(shape[1]) - 120.8
+    turn = math.radians(angle)
+    u, v = x * math.cos(turn) - y * math.sin(turn), x * math.sin(turn) + y * math.cos(turn)
+    return np.prod([ndtr(part + half) - ndtr(part - half) for part in (u, v)], axis=0)
+
+
+def test_edges_of_a_small_square_are_found_beside_stronger_things(tmp_path):
+    """Rings and bars are stronger and longer than the sides, of 70 and 35 pixels, of the squares."""
+    y, x = np.mgrid[:200, :220]
+    picture = 0.3 + 0.5 * box(35, 5) - 0.7 * box(17.5, 5)
+    picture[:, :60] = np.where(x[:, :60] // 10 % 2, 0.9, 0.05)
+    far = np.hypot(y - 45, x - 190)
+    picture = np.where(far < 28, 0.5 + 0.45 * np.cos(far * far / 40), picture) + np.random.default_rng(0).normal(0, 0.005, picture.shape)
+    found = measure(saved(tmp_path / "a.tif", picture), Asked())["edges"][0]
+    assert_allclose(abs(found["angle"]), 5, atol=0.3)
+    inside(found, "mtf50", FIFTY, 2e-3)
+
+
+@pytest.mark.parametrize(
+    ("picture", "said"),
+    [
+        (lambda: 0.3 + 0.4 * box(35, 0), "edges is along rows or columns"),
+        (lambda: 0.3 + 0.4 * box(9, 5), "edges is shorter than 24 pixels"),
+        (lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)), "edges is no stronger than noise or texture"),
+        (lambda: np.full((120, 130), 0.3), "it is even all over"),
+    ],
+)
+def test_why_no_edge_is_found_by_itself_is_told_as_it_is(tmp_path, picture, said):
+    assert said in refused(saved(tmp_path / "a.tif", picture()))
+
+
 def test_an_edge_that_distortion_bends_is_followed(tmp_path):
     straight, bent = (measure(saved(tmp_path / "a.tif", slanted(5.0, bend=b)), Asked(edges=(ALL,)))["edges"][0] for b in (0.0, 1.5))
     assert_allclose(bent["mtf50"], straight["mtf50"], rtol=0.01)

@@ -21,8 +21,17 @@ from etendue.studies.measuring_pictures.regions import FOUND, Window, window
 
 ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
+STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
+HIDDEN = "its step is lost in noise"
+KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
+    "shorter than 24 pixels": (("shorter than",), "take the chart larger in the picture"),
+    "along rows or columns": (("along the raster", "not slanted", "nothing in it stands at a slant"), "turn the chart by some 5 degrees"),
+    "less than 8 pixels from something else": (("something stands within",), "give the edge more room"),
+    "not straight, or not alone": (("not straight", "no single straight", "distances", "line", "in one row", "no step"), ""),
+    "no stronger than noise or texture about it": ((HIDDEN,), ""),
+}
 REGIONS = (
     "give regions: --edge X,Y,WIDTH,HEIGHT about one slanted edge, --star X,Y,RADIUS, --noise X,Y,WIDTH,HEIGHT of an even patch, "
     "--chart with the four corners of a ColorChecker"
@@ -38,30 +47,58 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
         A region outside the picture; no edge, one along the raster, a bent one.
     """
     if text != FOUND:
-        return _measured(photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence, False)
+        return _measured(photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence)
     places, why = slanted(photograph, channel)
+    measured, refusals = [], []
     for place in places:
         try:
-            return _measured(photograph, place, channel, confidence, True)
+            one = _measured(photograph, place.window, channel, confidence, place.strip)
         except RequestError as error:
-            why = str(error).partition(": ")[2]
-    raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself ({why}); {REGIONS}")
+            refusals.append(str(error).partition(": ")[2])
+            continue
+        if not STEEP[0] <= abs(one["angle"]) <= STEEP[1]:
+            refusals.append(
+                f"the edge is not slanted: it stands {abs(one['angle']):.1f} degrees from the {one['near']}; allowed is 2 to 43"
+            )
+            continue
+        if not math.isfinite(one["mtf50_high"]):
+            refusals.append("the edge is not straight, or not alone: its response does not fall to a half")
+            continue
+        measured.append(one)
+        if not one["flags"]:
+            return one
+    if measured:
+        return min(measured, key=lambda one: len(one["flags"]))
+    raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
 
 
-def _measured(photograph: Photograph, place: Window, channel: str, confidence: float, find: bool) -> dict[str, Any]:
-    """The edge in a rectangle, or with ``find`` the strongest one in it."""
+def _why(refusals: list[str], why: list[str]) -> str:
+    """What edges of the picture are that cannot be measured, most of them first, and what helps with these."""
+    reasons = [*refusals, *(reason(ValueError(one)) for one in why)]
+    counts = {kind: sum(any(part in one for part in parts) for one in reasons) for kind, (parts, _) in KINDS.items()}
+    kinds = sorted((kind for kind in counts if counts[kind]), key=lambda kind: -counts[kind])
+    if not kinds:
+        return reasons[0] if reasons else "it is even all over"
+    help = KINDS[kinds[0]][1]
+    return f"what it has of edges is {'; or '.join(kinds)}{f' ({help})' if help else ''}"
+
+
+def _measured(photograph: Photograph, place: Window, channel: str, confidence: float, strip: Any = None) -> dict[str, Any]:
+    """The edge in a rectangle, or that of the pixels of a strip in it."""
     what = f"--edge {place}"
+    if strip is not None:
+        place, strip = _roomy(place, strip, photograph)
     if min(place.width, place.height) < SMALLEST:
         raise RequestError(f"{what}: too small for an edge; allowed is at least {SMALLEST} x {SMALLEST} pixels")
     image, sites = photograph.linear(channel, place.cut)
     image = np.ascontiguousarray(image)
+    sites = sites if strip is None else strip
     seen = _step(image, sites) > SEEN * _noise(image, sites)
-    shape = _shape(what, image, sites) if seen and not find else None
+    shape = _shape(what, image, sites) if seen and strip is None else None
     try:
-        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, find=find)
+        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence)
     except ValueError as error:
-        hidden = not seen and float(np.ptp(image)) > 0
-        raise RequestError(f"{what}: no edge can be measured: {'its step is lost in noise' if hidden else reason(error)}") from None
+        raise RequestError(f"{what}: no edge can be measured: {_said(reason(error), seen, image)}") from None
     _check_straight(what, found, shape, image, sites)
     clipped = float(photograph.clipped(place.cut).mean())
     top, bottom, left, right = found.window
@@ -76,6 +113,31 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
     }  # fmt: skip
+
+
+def _said(why: str, seen: bool, image: Any) -> str:
+    """What keeps an edge from being measured: a step that is seen is not lost in noise."""
+    if not seen and float(np.ptp(image)) > 0:
+        return HIDDEN
+    return "what stands there is no single straight edge between two even fields" if why == HIDDEN else why
+
+
+def _roomy(place: Window, strip: Any, photograph: Photograph) -> tuple[Window, Any]:
+    """A window with room about a strip that is narrower than an edge's picture may be."""
+    (y, height), (x, width) = (
+        _widened(first, length, size)
+        for first, length, size in ((place.y, place.height, photograph.rows), (place.x, place.width, photograph.columns))
+    )
+    held = np.zeros((height, width), bool)
+    held[place.y - y : place.y - y + place.height, place.x - x : place.x - x + place.width] = strip
+    return Window(x, y, width, height), held
+
+
+def _widened(first: int, length: int, size: int) -> tuple[int, int]:
+    begin = min(first, max(first + (length - SMALLEST) // 2, 0))
+    end = min(max(first + length, begin + SMALLEST), size)
+    begin = max(min(begin, end - SMALLEST), 0)
+    return begin, end - begin
 
 
 def _shape(what: str, image: Any, sites: Any) -> EdgeShape | None:

@@ -7,43 +7,84 @@ Out: windows of it in which an edge may be measured, the most promising first.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from etendue.physics.resolution.edge_region import find_edge
+from etendue.physics.resolution.edge_region import FoundEdge, find_edges
 from etendue.studies.measuring_pictures.photograph import Photograph
 from etendue.studies.measuring_pictures.regions import Window
 
 SEARCHED = 2_000_000  # pixels of the picture in which edges are looked for
 AROUND, WIDEST = 24, 800  # pixels about what was found there, and at most along a side
 PARTS = 3  # along y and along x, with those half way between: where the whole picture is ruled by something else
-MOST = 4  # windows
+MOST, TRIES = 12, 12  # edges that are measured at most, and places that are looked at in a part
+SHORTEST = 12.0  # half of an edge's length, pixels: a strip of 24 and its ends
 
 
-def slanted(photograph: Photograph, channel: str) -> tuple[list[Window], str]:
-    """Windows, and why there are none: looked for in the file's own numbers, by means over squares of a large picture."""
+@dataclass(frozen=True)
+class Place:
+    """A window of a photograph, and which of its pixels lie about one edge."""
+
+    window: Window
+    strip: Any  # (y, x) of bool
+
+
+def slanted(photograph: Photograph, channel: str) -> tuple[list[Place], list[str]]:
+    """Places of edges, and why others are none; in a large picture first looked for by means over squares of the file's own numbers."""
     factor = math.ceil(math.sqrt(photograph.rows * photograph.columns / SEARCHED))
     sites = photograph.sites(channel)
     if factor > 1:
         factor = factor if sites is None else max(factor, 3)  # in any mosaic three by three pixels hold every colour that edges have
-        image, sites = _smaller(photograph, sites, factor), None
+        small, _ = _in_parts(_smaller(photograph, sites, factor), None)
+        parts = [_span(*one.window, factor, photograph) for one in small[:MOST]]
+        wide = [_in(photograph, channel, part) for part in dict.fromkeys(parts)]
+        found = [one for places, _ in wide for one in places]
+        why = [word for _, words in wide for word in words]
     else:
-        image = photograph.values.astype(np.float64).mean(2)
-    found, why = [], ""
+        found, why = _in_parts(photograph.linear(channel)[0], sites)
+    return _apart([_place(one) for one in sorted(found, key=lambda one: -one.promise)])[:MOST], why
+
+
+def _place(found: FoundEdge) -> Place:
+    top, bottom, left, right = found.window
+    return Place(Window(left, top, right - left, bottom - top), found.strip)
+
+
+def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
+    """Edges of the whole picture and of its parts, whose strongest things are others."""
+    found, why = [], []
     for top, bottom, left, right in _parts(*image.shape):
-        try:
-            cut = np.s_[top:bottom, left:right]
-            (up, down, near, far), strip = find_edge(image[cut], None if sites is None else sites[cut])
-        except ValueError as error:
-            why = why or reason(error)
-            continue
-        first, last = _span(top + up, top + down, factor, photograph.rows)
-        begin, end = _span(left + near, left + far, factor, photograph.columns)
-        found.append((int(strip.sum()), Window(begin, first, end - begin, last - first)))
-        if (bottom - top, right - left) == image.shape:
-            break
-    return [place for _, place in sorted(found, key=lambda one: -one[0])[:MOST]], why
+        cut = np.s_[top:bottom, left:right]
+        edges, words = find_edges(image[cut], None if sites is None else sites[cut], most=MOST, tries=TRIES, shortest=SHORTEST)
+        found += [_moved(one, top, left) for one in edges]
+        why += words
+    return sorted(found, key=lambda one: -one.promise), why
+
+
+def _in(photograph: Photograph, channel: str, part: tuple[int, int, int, int]) -> tuple[list[FoundEdge], list[str]]:
+    top, bottom, left, right = part
+    image, sites = photograph.linear(channel, np.s_[top:bottom, left:right])
+    edges, why = find_edges(image, sites, most=2, tries=4, shortest=SHORTEST)
+    return [_moved(one, top, left) for one in edges], why
+
+
+def _moved(one: FoundEdge, down: int, right: int) -> FoundEdge:
+    top, bottom, first, last = one.window
+    return replace(one, window=(top + down, bottom + down, first + right, last + right))
+
+
+def _apart(places: list[Place]) -> list[Place]:
+    """Those whose middle no better one holds."""
+    kept: list[Place] = []
+    for place in places:
+        y, x = (float(part.mean()) for part in np.nonzero(place.strip))
+        y, x = round(y) + place.window.y, round(x) + place.window.x
+        if not any(0 <= y - one.window.y < one.window.height and 0 <= x - one.window.x < one.window.width
+                   and one.strip[y - one.window.y, x - one.window.x] for one in kept):  # fmt: skip
+            kept.append(place)
+    return kept
 
 
 def reason(error: ValueError) -> str:
@@ -61,10 +102,13 @@ def _parts(rows: int, columns: int) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def _span(first: int, last: int, factor: int, size: int) -> tuple[int, int]:
-    """Pixels of what was found on means, with room, and no more than an edge needs."""
-    middle, half = factor * (first + last) // 2, min(factor * (last - first) // 2 + AROUND, WIDEST // 2)
-    return max(middle - half, 0), min(middle + half, size)
+def _span(top: int, bottom: int, left: int, right: int, factor: int, photograph: Photograph) -> tuple[int, int, int, int]:
+    """Pixels of what was found on means, with room, and no more than an edge needs: top, bottom, left, right."""
+    ends = []
+    for first, last, size in ((top, bottom, photograph.rows), (left, right, photograph.columns)):
+        middle, half = factor * (first + last) // 2, min(factor * (last - first) // 2 + AROUND, WIDEST // 2)
+        ends += [max(middle - half, 0), min(middle + half, size)]
+    return ends[0], ends[1], ends[2], ends[3]
 
 
 def _smaller(photograph: Photograph, sites: Any, factor: int) -> Any:
