@@ -126,6 +126,47 @@ def test_bands_are_sorted_and_whole_numbers_are_shares_of_their_largest(tmp_path
     np.testing.assert_allclose(store.radiance.values, LIGHT[::-1], atol=0.5 / 65535 + 1e-7)  # half a step
 
 
+def importing(path, *words):
+    return CliRunner().invoke(main, ["import", str(path / "a.npy"), "-o", str(path / "a.zarr"), "--wavelengths", "450:600:50", *words])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--level", "relative"), ("reflectance, ", "1 = white", "size not known", "12 x 10 um", 'spacing = "2 um"', "white_luminance = ")),
+        (("--level", "radiance", "--spacing", "3"), ("spectral radiance, ", "18 x 15 um (width x height)", "--white-at", "# white_lum")),
+        (("--level", "relative", "--scale", "4000"), ("note: 1 is white, and values go up to ", "--white-at")),
+    ],
+)
+def test_what_is_printed_says_what_the_values_are_and_how_large_the_picture_is(tmp_path, words, said):
+    """6 samples wide, 5 high."""
+    np.save(tmp_path / "a.npy", LIGHT)
+    done = importing(tmp_path, *words)
+    assert done.exit_code == 0 and all(word in done.output for word in said), done.output
+
+
+def test_relative_values_are_divided_by_the_white_of_a_patch(tmp_path):
+    """Counts of any scale by band come out as the reflectance of the patch where the patch is."""
+    counts = LIGHT * np.array([10, 200, 3000, 7])[:, None, None]
+    np.save(tmp_path / "a.npy", counts)
+    done = importing(tmp_path, "--level", "relative", "--white-at", "2,3,1", "--white-reflectance", "0.5")
+    assert done.exit_code == 0, done.output
+    import xarray
+
+    found = xarray.open_zarr(tmp_path / "a.zarr", consolidated=False).radiance.values
+    np.testing.assert_allclose(found, 0.5 * LIGHT / LIGHT[:, 2:3, 3:4], rtol=1e-5)  # float32
+    dark = LIGHT.copy()
+    dark[1, 2, 3] = 0
+    np.save(tmp_path / "a.npy", dark)
+    assert "dark at 500 nm" in importing(tmp_path, "--level", "relative", "--white-at", "2,3,1").output
+
+
+def test_a_picture_is_told_from_a_cube_by_its_name(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(b"")
+    with pytest.raises(RequestError, match="the stage photograph takes it"):
+        read_cube(tmp_path / "a.jpg")
+
+
 def test_axes_that_are_named_are_put_in_order():
     from etendue.importing.cube import Cube
 

@@ -18,6 +18,7 @@ from etendue.errors import RequestError, nearest
 
 RADIANCE = "W m-2 sr-1 nm-1"
 RELATIVE = "1"
+TOO_WHITE = 1.5  # of what is relative to white: beyond, it is hardly a reflectance
 LEVELS = {  # words of --level: unit, factor to it
     "radiance": (RADIANCE, 1.0),
     "W m-2 sr-1 um-1": (RADIANCE, 1e-3),
@@ -26,6 +27,7 @@ LEVELS = {  # words of --level: unit, factor to it
     "photons": (RADIANCE, 1.0),  # s-1 sr-1 m-2 nm-1: each carries h c / wavelength
     "relative": (RELATIVE, 1.0),
 }
+PICTURES = (".jpg", ".jpeg", ".png", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".heic", ".webp", ".bmp")
 PLANCK_LIGHT = 6.62607015e-34 * 299792458.0  # J m
 
 
@@ -81,6 +83,10 @@ def _reader(path: Path) -> Callable[[Path, str], Cube]:
     suffix = path.suffix.lower()
     if suffix in (".img", ".dat", ".raw", ".bil", ".bip", ".bsq") and path.with_suffix(".hdr").exists():
         raise RequestError(f"{path} is described by its header: import {path.with_suffix('.hdr')}")
+    if suffix in PICTURES:
+        raise RequestError(
+            f"{path} is a picture, of colours, not of spectra: the stage photograph takes it as a scene, etendue measure measures it"
+        )
     if suffix not in kinds:
         raise RequestError(f"{path}: files {suffix or 'without an ending'} are unknown; known are {', '.join(kinds)}")
     module, _, name = kinds[suffix].partition(":")
