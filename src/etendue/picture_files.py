@@ -13,10 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from etendue.colour_notes import colour_note, exif_note, png_note
 from etendue.spec.bounds import beyond
 
 MOST_PIXELS = 50_000_000  # a gigabyte while it is read
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
+DNG = 50706  # tag of its version
+GREY_ALPHA = 4  # colour type of PNG
+_ELSE = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"msf1": "HEIC", b"hevc": "HEIC", b"avif": "AVIF", b"crx ": "Canon raw (CR3)"}
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _MODES = ("1", "L", "P", "RGB", "I;16", "I;16B", "I;16L", "I", "RGBA", "LA", "PA", "YCbCr")
 _TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture upright
@@ -48,14 +52,17 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
 
     try:
         with open(path, "rb") as file:
-            if file.read(4) in _TIFF:
-                return _tiff(path, most)
+            start = file.read(12)
+        if start[:4] in _TIFF:
+            return _tiff(path, most)
+        if start[4:8] == b"ftyp" and start[8:] in _ELSE:
+            raise ValueError(f"{path} is {_ELSE[start[8:]]}; allowed are {ALLOWED}: save it as one of them")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
         if kind not in ("PNG", "JPEG", "MPO"):
-            raise ValueError(f"{path} is a {kind} picture; allowed are {ALLOWED}")
+            raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
         _check_size(path, size[0] * size[1], most)
         return _plain(path)
     except UnidentifiedImageError:
@@ -88,17 +95,20 @@ def _plain(path: str) -> Picture:
         frames = getattr(picture, "n_frames", 1)
         if frames > 1 and picture.format != "MPO":  # a telephone's JPEG may hold a preview
             raise ValueError(f"{path} holds {frames} pictures; save the one that is meant")
-        mode, note, turn = picture.mode, _colour_note(picture.info), picture.getexif().get(0x0112, 1)
+        mode, turn = picture.mode, picture.getexif().get(0x0112, 1)
+        note = colour_note(picture.info) or exif_note(picture.getexif(), picture.info)
+        if picture.format == "PNG":
+            note = png_note(path) or note
         if mode not in _MODES:
             raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
         deep = picture.format == "PNG" and _png_depth(path) == 16
+        if deep and _png_colour(path) == GREY_ALPHA:
+            raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
         clear = _transparent(picture)
         if clear:
             raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
     if deep and mode in ("RGB", "RGBA"):
         values = _deep_png(path, mode)[..., :3]
-    elif deep and mode in ("LA", "PA"):
-        raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
     else:
         with Image.open(path) as picture:
             if mode.startswith("I"):
@@ -113,6 +123,11 @@ def _plain(path: str) -> Picture:
 def _png_depth(path: str) -> int:
     with open(path, "rb") as file:
         return file.read(25)[24]
+
+
+def _png_colour(path: str) -> int:
+    with open(path, "rb") as file:
+        return file.read(26)[25]
 
 
 def _transparent(picture: Any) -> int:
@@ -138,20 +153,6 @@ def _deep_png(path: str, mode: str) -> Any:
     return halves[0] * np.uint16(256) + halves[1]
 
 
-def _colour_note(info: Any) -> str:
-    """What the file says of its colours that is not done: they are read as sRGB."""
-    profile = info.get("icc_profile")
-    if profile:
-        text = profile.decode("latin-1")
-        name = next((n for n in ("Display P3", "Adobe RGB", "ProPhoto", "Rec. 2020", "Dot Gain", "Gray Gamma", "sRGB")
-                     if n in text or n in text.replace("\0", "")), "of another kind")  # fmt: skip
-        return "" if name == "sRGB" else f"its colour profile ({name}) is not applied: values are read as sRGB"
-    gamma = info.get("gamma")
-    if gamma and "srgb" not in info and abs(gamma - 1 / 2.2) > 0.01:
-        return f"its gamma ({gamma:g}) is not applied: values are read as sRGB"
-    return ""
-
-
 def _tiff(path: str, most: int) -> Picture:
     import logging
 
@@ -160,6 +161,8 @@ def _tiff(path: str, most: int) -> Picture:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     with tifffile.TiffFile(path) as file:
         pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
+        if file.pages[0].aspage().tags.valueof(DNG) is not None:
+            raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
         if len(pages) != 1:
             raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
         page = pages[0].aspage()
@@ -168,7 +171,7 @@ def _tiff(path: str, most: int) -> Picture:
         kind = page.dtype
         turn = int(page.tags.valueof(274, 1))
         profile = page.tags.valueof(34675)
-        note = _colour_note({"icc_profile": bytes(profile)} if profile else {})
+        note = colour_note({"icc_profile": bytes(profile)} if profile else {})
         if kind is None or kind.kind not in "uf" or page.bitspersample not in (8, 16, 32, 64):
             if kind is None or page.bitspersample != 1:
                 raise ValueError(f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from 0 to 1")

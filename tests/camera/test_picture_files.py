@@ -166,10 +166,33 @@ def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
         ("srgb", chunk(b"sRGB", b"\0"), ""),
         ("plain", chunk(b"gAMA", struct.pack(">I", 45455)), ""),
         ("linear", chunk(b"gAMA", struct.pack(">I", 100000)), "gamma (1)"),
+        ("primaries", chunk(b"cHRM", struct.pack(">8I", 31270, 32900, 68000, 32000, 26500, 69000, 15000, 6000)), "primaries (red at 0.68"),
+        ("points", chunk(b"cICP", bytes([12, 13, 0, 1])), "Display P3, sRGB"),
+        ("srgb points", chunk(b"cICP", bytes([1, 13, 0, 1])), ""),
+        ("bright", chunk(b"cICP", bytes([9, 16, 0, 1])), "Rec. 2020, PQ"),
         ("wide", chunk(b"iCCP", b"x\0\0" + zlib.compress(b"\0" * 128 + b"Display P3")), "Display P3"),
     ):
         note = read_picture(write_png(tmp_path / f"{name}.png", 3, 4, 8, 0, grey, part)).note
         assert (words in note) if words else not note, (name, note)
+
+
+@pytest.mark.parametrize(("space", "index", "said"), [(2, None, True), (65535, "R03", True), (1, "R98", False), (None, None, False)])
+def test_adobe_rgb_of_a_camera_without_a_profile_is_said(tmp_path, space, index, said):
+    """As DCF has it: by the colour space of EXIF, or by the interoperability index."""
+    exif = Image.Exif()
+    if space:
+        exif.get_ifd(0x8769)[0xA001] = space
+    if index:
+        exif.get_ifd(0x8769)[0xA005] = {1: index}
+    Image.new("RGB", (9, 6)).save(tmp_path / "a.jpg", exif=exif)
+    assert ("Adobe RGB" in read_picture(str(tmp_path / "a.jpg")).note) == said
+
+
+@pytest.mark.parametrize(("brand", "name"), [(b"heic", "HEIC"), (b"mif1", "HEIC"), (b"avif", "AVIF")])
+def test_what_telephones_write_instead_of_jpeg_is_named(tmp_path, brand, name):
+    (tmp_path / "a.jpg").write_bytes(b"\0\0\0\x18ftyp" + brand + bytes(100))
+    with pytest.raises(ValueError, match=f"is {name}; allowed are PNG, JPEG or TIFF"):
+        read_picture(str(tmp_path / "a.jpg"))
 
 
 def test_a_photograph_of_16_bits_has_the_reflectance_that_was_written(tmp_path):

@@ -57,7 +57,7 @@ def measure(path: Path, asked: Asked) -> dict[str, Any]:
     photograph = open_photograph(path, asked.encoding, weights)
     edges = asked.edges or (() if asked.stars or asked.noise or asked.chart else (FOUND,))
     channel = photograph.channel(asked.channel)
-    notes = list(photograph.notes) if asked.space == "sRGB" else []
+    notes = [f"{one} (others: --space, --encoding)" for one in photograph.notes if asked.space.partition(" (")[0] not in one]
     chart = measured_chart(photograph, asked.chart, asked.space, CONFIDENCE) if asked.chart else None
     document = {
         "picture": path.name, "rows": photograph.rows, "columns": photograph.columns, "full": photograph.full,

@@ -1,0 +1,67 @@
+"""What a picture file says of its colours that is not done: all are read as sRGB.
+
+In:  what Pillow knows of a file; chunks of PNG; EXIF.
+Out: a sentence, or nothing where the file is sRGB or says nothing.
+Sources: ICC.1; ISO/IEC 15948 (PNG: gAMA, cHRM, cICP); ITU-T H.273 (code points of cICP); DCF 2.0 (Adobe RGB by its interoperability index).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+PRIMARIES = {1: "BT.709", 9: "Rec. 2020", 11: "DCI-P3", 12: "Display P3"}
+TRANSFERS = {1: "BT.709", 4: "gamma 2.2", 8: "linear", 13: "sRGB", 16: "PQ", 18: "HLG"}
+SRGB_XY = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
+NAMES = ("Display P3", "Adobe RGB", "ProPhoto", "Rec. 2020", "Dot Gain", "Gray Gamma", "sRGB")
+EXIF_IFD, INTEROPERABILITY, COLOUR_SPACE, ADOBE = 0x8769, 0xA005, 0xA001, 2
+
+
+def not_applied(what: str) -> str:
+    return f"{what} is not applied: values are read as sRGB"
+
+
+def colour_note(info: Any) -> str:
+    """Of an embedded profile, a gamma, primaries."""
+    profile = info.get("icc_profile")
+    if profile:
+        text = profile.decode("latin-1")
+        name = next((n for n in NAMES if n in text or n in text.replace("\0", "")), "of another kind")
+        return "" if name == "sRGB" else not_applied(f"its colour profile ({name})")
+    if "srgb" in info:
+        return ""
+    gamma, xy = info.get("gamma"), info.get("chromaticity")
+    if gamma and abs(gamma - 1 / 2.2) > 0.01:
+        return not_applied(f"its gamma ({gamma:g})")
+    if xy and len(xy) == len(SRGB_XY) and np.abs(np.subtract(xy, SRGB_XY)).max() > 0.005:
+        return not_applied(f"what it says of its primaries (red at {xy[2]:.3g}, {xy[3]:.3g})")
+    return ""
+
+
+def exif_note(exif: Any, info: Any) -> str:
+    """Of Adobe RGB without a profile, as cameras write it."""
+    if info.get("icc_profile"):
+        return ""
+    own = exif.get_ifd(EXIF_IFD)
+    index = (own.get(INTEROPERABILITY) if isinstance(own.get(INTEROPERABILITY), dict) else exif.get_ifd(INTEROPERABILITY)) or {}
+    adobe = own.get(COLOUR_SPACE) == ADOBE or str(index.get(1, "")).startswith("R03")
+    return not_applied("its colour space (Adobe RGB)") if adobe else ""
+
+
+def png_note(path: str) -> str:
+    """Of code points, which go before a profile."""
+    with open(path, "rb") as file:
+        file.seek(8)
+        while len(head := file.read(8)) == 8:
+            length, kind = int.from_bytes(head[:4], "big"), head[4:]
+            if kind in (b"IDAT", b"IEND"):
+                break
+            if kind == b"cICP":
+                primaries, transfer = file.read(4)[:2]
+                if (primaries, transfer) == (1, 13):
+                    return ""
+                words = PRIMARIES.get(primaries, f"primaries {primaries}"), TRANSFERS.get(transfer, f"curve {transfer}")
+                return not_applied(f"its colour space ({', '.join(words)})")
+            file.seek(length + 4, 1)
+    return ""
