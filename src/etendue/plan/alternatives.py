@@ -95,7 +95,8 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     for name in own:
         if name not in values:
             if declared[name][2] is MISSING and name not in swept:
-                request.fault(place, f"{use} needs {name!r}: {meaning(declared[name][0])}")
+                way = f"; --set {stage}.{name}=..." if f"{stage}.use" in dict(request.pipeline.overrides) else ""
+                request.fault(place, f"{use} needs {name!r}: {meaning(declared[name][0])}{way}")
             values[name] = None if declared[name][2] is MISSING else declared[name][2]
     installed = request.registry.installed(use)
     try:

@@ -19,6 +19,7 @@ from etendue.plan.lacking import lacking
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.quantities import resolve_camera, to_be_found
 from etendue.plan.request import Request
+from etendue.plan.swapped import fitted_to_overrides
 from etendue.plan.vocabulary import check_vocabulary
 from etendue.registry import Registry
 from etendue.spec.names import unfit_axis
@@ -41,6 +42,7 @@ class Graph:
 
 def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
     """Check a pipeline wholly; raises ``RequestError`` with every fault."""
+    pipeline, _ = fitted_to_overrides(pipeline, registry)
     request = Request(pipeline, registry)
     needed = lacking(pipeline, registry)
     if needed:  # what its stages are, nobody can say: every other fault would follow from that

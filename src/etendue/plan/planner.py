@@ -20,6 +20,7 @@ from etendue.plan.fields import notes_on_cropping
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.plan.strips import peak_memory
+from etendue.plan.swapped import fitted_to_overrides
 from etendue.registry import Registry
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Stage, parameters_of
@@ -56,6 +57,7 @@ def make_plan(
         With every fault of the file, or every stage whose grid is impossible.
     """
     leave_out_allowed = leave_out_allowed and pipeline.leave_out
+    pipeline, swapped = fitted_to_overrides(pipeline, registry)
     try:
         graph = build_graph(pipeline, registry)
         choice = Choice(pipeline.tolerance, leave_out_allowed, pipeline.precision, pipeline.norm, expected, versions, computed)
@@ -80,7 +82,7 @@ def make_plan(
         leaves_out=leave_out_allowed,
         looked=looked,
         expected=expected,
-        warnings=(*graph.warnings, *warnings),
+        warnings=(*swapped, *graph.warnings, *warnings),
     )
     return plan
 

@@ -205,6 +205,8 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
                 document["sweep"].pop(tail, None)
         elif tail and head in named:
             number, table = named[head]
+            if tail == "use":
+                table.setdefault("name", head)  # a swapped stage keeps its name
             table[tail] = value
             places.append(f"stages[{number}].{tail}")
             if isinstance(document.get("sweep"), dict):
@@ -214,7 +216,10 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
             places.append(key)
         else:
             valid = [*named, "camera", "sweep"] if tail else [*TOP]
-            hint = f"; a camera quantity is camera.{head}" if not tail and head in camera.names() else nearest(head, valid)
+            called = next((name for name, (_, s) in named.items() if s.get("use") == head), "")
+            hint = f"; the stage {head} is called {called!r} here: {called}.{tail}" if called and tail else nearest(head, valid)
+            if not tail and head in camera.names():
+                hint = f"; a camera quantity is camera.{head}"
             faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
     if faults:
         raise RequestError(faults, file)
