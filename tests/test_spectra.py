@@ -508,3 +508,46 @@ def test_a_file_named_colour_beside_a_script_is_not_taken_for_the_library(tmp_pa
     (tmp_path / "script.py").write_text("from etendue.spectra import authority\nprint(authority.rows('illuminant', 'D50').shape)\n")
     found = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=120, check=False)
     assert found.stdout.strip() == "(97, 2)", found.stderr
+
+
+SPDX = """<?xml version="1.0" encoding="UTF-8"?>
+<IESTM2714 xmlns="http://www.ies.org/iestm2714" version="1.0"><Header><Description>a lamp</Description></Header>
+<SpectralDistribution><SpectralQuantity>relative</SpectralQuantity>{}</SpectralDistribution></IESTM2714>"""
+
+
+def spdx(rows):
+    return SPDX.format("".join(f'<SpectralData wavelength="{nm}">{value}</SpectralData>' for nm, value in rows))
+
+
+def test_an_spdx_file_is_the_csv_table_of_its_rows(tmp_path):
+    rows = [(400, 0.2), (455.5, 1.0), (610, 0.4), (720, 0.1)]
+    (tmp_path / "a.spdx").write_text(spdx(rows))
+    (tmp_path / "a.csv").write_text("wavelength_nm,power\n" + "".join(f"{nm},{value}\n" for nm, value in rows))
+    edges = np.arange(410.0, 701.0, 10.0)
+    assert_array_equal(*(spectra.illuminant(str(tmp_path / f"a.{kind}"), edges) for kind in ("spdx", "csv")))
+    assert_array_equal(*(spectra.table_from_csv(tmp_path / f"a.{kind}", edges, outside="hold")[1] for kind in ("spdx", "csv")))
+
+
+def test_an_spdx_file_of_the_library_is_read_as_it_was_written(tmp_path):
+    colour = pytest.importorskip("colour")
+    values = dict(zip(range(380, 781, 5), np.random.default_rng(2).uniform(0, 1, 81), strict=True))
+    colour.SpectralDistribution_IESTM2714(str(tmp_path / "a.spdx"), data=values).write()
+    names, nodes, found = spectra.csv_rows(tmp_path / "a.spdx")
+    assert len(names) == 1
+    assert_array_equal(nodes, list(values))
+    assert_allclose(found[:, 0], list(values.values()), atol=6e-13)  # it writes 12 places
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("wavelength_nm,a", "is no SPDX file"),
+        ("<a/>", "has 0 elements SpectralData"),
+        (spdx([(400, 1), (400, 2)]), "400 nm does not ascend from 400 nm"),
+        (spdx([(400, 1), (500, "much")]), "'much' in SpectralData at 500 nm is not a finite number"),
+    ],
+)
+def test_a_broken_spdx_file_is_named(tmp_path, text, message):
+    (tmp_path / "a.spdx").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        spectra.csv_rows(tmp_path / "a.spdx")

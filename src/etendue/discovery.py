@@ -204,14 +204,14 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
 
 
 def spectrum(name: str) -> str:
-    """The path of the CSV file behind the name of a table, or of a path of one; '' for a table of colour-science, and for no table.
+    """The path of the CSV or SPDX file behind the name of a table, or of a path of one; '' for a table of colour-science, and for no table.
 
     Raises
     ------
     ValueError
         Two distributions bring it, or one does without the file.
     """
-    if name.endswith(".csv"):
+    if name.endswith(hookspecs.SPECTRA):
         return name
     brought = installed().all("spectra", name)
     if not brought or brought[0].value == hookspecs.LIBRARY == brought[-1].value:
@@ -222,6 +222,6 @@ def spectrum(name: str) -> str:
         path = os.fspath(brought[0].value)
     except TypeError:
         path = ""
-    if not path.endswith(".csv") or not os.path.isfile(path):
-        raise ValueError(f"the spectrum {name!r} of {brought[0].origin} has no CSV file: {brought[0].value!r}")
+    if not path.endswith(hookspecs.SPECTRA) or not os.path.isfile(path):
+        raise ValueError(f"the spectrum {name!r} of {brought[0].origin} has no CSV or SPDX file: {brought[0].value!r}")
     return str(path)

@@ -17,6 +17,7 @@ import pluggy
 
 PROJECT = "etendue"
 GROUP = "etendue"
+SPECTRA = (".csv", ".spdx")  # endings of files with tables by wavelength
 LIBRARY = "colour-science"  # in place of a path: a table of this library
 FORMER_GROUP = "etendue.stages"  # one entry point per stage: no longer read
 hookspec = pluggy.HookspecMarker(PROJECT)
@@ -65,7 +66,7 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_spectra() -> Mapping[str, str | PathLike[str]]:  # type: ignore[empty-body]
-    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV file, ``wavelength_nm,a,b,...``.
+    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV (``wavelength_nm,a,b,...``) or SPDX file.
 
     {"my tungsten": Path(__file__).parent / "tungsten.csv"}
     """

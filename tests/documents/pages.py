@@ -9,15 +9,20 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-STEPS = ["first_picture.md", "tutorials/phone.md", "tutorials/demosaicer.md", "tutorials/archive.md", "tutorials/lecture.md"]
+STEPS = ["first_picture.md", "tutorials/phone.md", "tutorials/demosaicer.md", "tutorials/archive.md", "tutorials/lecture.md", "own_data.md"]
 
-_BLOCK = re.compile(r"^```(bash|python|toml)\n(.*?)^```", flags=re.S | re.M)
+_BLOCK = re.compile(r"^```(bash|python|toml|csv|xml)\n(.*?)^```", flags=re.S | re.M)
 _LINE = re.compile(r"`(etendue [^`]+)`")
 
 
 def blocks(page: str) -> Iterator[tuple[str, str]]:
     """Language and text of every block of a page."""
     return ((found[1], found[2]) for found in _BLOCK.finditer((DOCS / page).read_text()))
+
+
+def file_of(text: str) -> str:
+    """The name that the comment in the first line of a block gives to the file that it shows."""
+    return text.partition("\n")[0].strip("# <!->")
 
 
 def commands(page: str) -> list[tuple[list[str], int]]:

@@ -12,7 +12,7 @@ import click
 import pytest
 
 from etendue.cli import main
-from tests.documents.pages import DOCS, ROOT, STEPS, asked_in_text, blocks, commands, commands_of
+from tests.documents.pages import DOCS, ROOT, STEPS, asked_in_text, blocks, commands, commands_of, file_of
 
 OTHERS = {"python3", ".venv/bin/pip", ".", "pip", "pytest"}  # what makes an environment, and what runs in one
 
@@ -73,9 +73,11 @@ class Reader:
         assert done.returncode == code, f"{' '.join(words)}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
     def puts(self, language: str, text: str) -> None:
-        """TOML at the end of the one pipeline of the folder; a module in the place of the plugin's; lines of a class above ``run``."""
+        """Tables as files; TOML at the end of the one pipeline; a module in the place of the plugin's; lines of a class above ``run``."""
         stage = next(self.folder.glob("*/src/*/stages.py"), None)
-        if language == "toml":
+        if language in ("csv", "xml"):
+            (self.folder / file_of(text)).write_text(text)
+        elif language == "toml":
             (pipeline,) = self.folder.glob("*.toml")
             pipeline.write_text(pipeline.read_text() + "\n" + text)
         elif stage is not None and text.startswith('"""'):

@@ -90,7 +90,7 @@ def test_a_spectrum_in_the_place_of_one_of_the_library_is_refused(bring, name, t
 
 def test_a_spectrum_without_its_file_names_who_brings_it(bring, tmp_path):
     bring(("theirs", "spectra", {"mine": tmp_path / "a.csv"}))
-    with pytest.raises(ValueError, match=r"'mine' of theirs 1.0 has no CSV file"):
+    with pytest.raises(ValueError, match=r"'mine' of theirs 1.0 has no CSV or SPDX file"):
         spectra.check_illuminant("mine", 400.0, 700.0)
 
 

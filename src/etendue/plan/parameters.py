@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from etendue.errors import nearest, unprintable
+from etendue.hookspecs import SPECTRA
 from etendue.spec.parameter import Parameter
 from etendue.spec.units import UnitError, as_written, to_unit
 
@@ -118,7 +119,7 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         raise Unfit(f"{as_written(value)} holds control characters")
     if parameter.choices and value not in parameter.choices:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
-    if value and (parameter.file or (parameter.table and value.endswith(".csv"))):
+    if value and (parameter.file or (parameter.table and value.endswith(SPECTRA))):
         return str(resolve_file(value, folder, parameter.folder))
     return value
 

@@ -21,6 +21,7 @@ from etendue.spec import camera as standard_camera
 from etendue.spec.found import Found
 from etendue.spec.parameter import MISSING, Parameter
 from etendue.spec.stage import parameters_of, writes_of
+from etendue.spec.units import as_written
 
 
 class Declared(NamedTuple):
@@ -94,6 +95,12 @@ def _values_of(request: Request, declared: Mapping[str, Declared], written: froz
             values[name] = resolve(value, declared[name].parameter, declared[name].kind, pipeline.folder)
         except Unfit as error:
             request.fault(f"camera.{name}", str(error))
+    if {"peak_qe", "sensitivity"} <= declared.keys() and "peak_qe" in pipeline.preset and "sensitivity" in pipeline.camera:
+        if not {"peak_qe", SENSOR} & {*pipeline.camera, *swept}:
+            request.warnings.append(
+                f"camera.peak_qe = {as_written(pipeline.preset['peak_qe'])} is that of the sensor {pipeline.sensor}, while sensitivity is "
+                "given: every column of it is scaled to that; give peak_qe too"
+            )
     for name, one in declared.items():
         if name not in given:
             if one.default is MISSING and name not in swept and name not in written:

@@ -1,6 +1,7 @@
 """Spectral tables as bin means: lights, eyes, cameras, displays, test charts. Those of colour-science are shipped."""
 
 from etendue.discovery import spectrum
+from etendue.hookspecs import SPECTRA as ENDINGS
 from etendue.spectra.authority import colour_version
 from etendue.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv
 from etendue.spectra.ends import cut_off_note, held_in_the_infrared, held_note
@@ -29,7 +30,8 @@ from etendue.spectra.spaces import adaptation_matrix, rgb_space_matrix, rgb_spac
 from etendue.spectra.upsampling import srgb_to_xyz, upsampling_basis
 
 __all__ = [
-    "Edges", "FloatArray", "adaptation_matrix", "camera_range", "camera_rows", "camera_sensitivity", "check_camera", "check_illuminant",
+    "ENDINGS", "Edges", "FloatArray", "adaptation_matrix", "camera_range", "camera_rows", "camera_sensitivity", "check_camera",
+    "check_illuminant",
     "check_luminance", "check_rgb_space", "colorchecker", "colour_matching", "colour_version", "cone_fundamentals", "csv_rows",
     "cut_off_note", "display_primaries", "held_in_the_infrared", "held_note", "illuminant", "light_of_luminance", "light_of_radiance",
     "luminance_notes", "luminance_of", "luminous_efficiency", "rendered_share", "require_rows", "rgb_space_matrix",

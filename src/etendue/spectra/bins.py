@@ -1,4 +1,4 @@
-"""Means over wavelength bins, and tables from CSV files.
+"""Means over wavelength bins, and tables from CSV and SPDX files.
 
 In:  the rows of a table (nm, values) and bin edges (n + 1 ascending values, nm).
 Out: plain float64 arrays, one mean per bin.
@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from etendue.discovery import spectrum
 from etendue.spectra.ends import beyond, reach_of
+from etendue.spectra.spdx import ENDING, read_spdx
 
 FloatArray = npt.NDArray[np.float64]
 Edges = Sequence[float] | FloatArray
@@ -78,7 +79,7 @@ def table_from_csv(
     ----------
     path : str or Path
         Header ``wavelength_nm,a,b,...``, then at least two rows of numbers with ascending wavelengths, in any
-        spacing. ``#`` starts a comment; empty lines are skipped; UTF-8.
+        spacing. ``#`` starts a comment; empty lines are skipped; UTF-8. Or an SPDX file: one column (`spdx`).
     edges : (n + 1,) ascending, nm
     columns : names, optional
         Which columns, in which order. All of them by default.
@@ -123,6 +124,8 @@ def require_rows(path: str | Path, edges: Edges) -> None:
 
 
 def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
+    if path.suffix == ENDING:
+        return read_spdx(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

@@ -60,8 +60,8 @@ class ColourFit(Collecting):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.reflectances != "ColorChecker" and not self.reflectances.endswith(".csv"):
-            raise ValueError(f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv table")
+        if self.reflectances != "ColorChecker" and not self.reflectances.endswith(spectra.ENDINGS):
+            raise ValueError(f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table")
         if not min(self.peak_qe) > 0:
             raise ValueError(
                 f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give every channel a "

@@ -86,7 +86,9 @@ class OpticalFilter(Banded, Bounded):
     error: ClassVar = proved(1e-7, 4e-16)
 
     table: str = param(
-        "", table=True, doc="CSV with columns wavelength_nm, transmission, 0 half a step beyond its rows; '' for the smooth cut below"
+        "",
+        table=True,
+        doc="CSV (wavelength_nm,transmission) or SPDX; 0 half a step beyond its rows; '' for the smooth cut below",
     )
     cut_off: float = param(650.0, units="nm", above=0, infinite=True, doc="half transmission of the smooth short-pass; inf for none")
     edge: float = param(15.0, units="nm", above=0, doc="width of the cut from 73 to 27 per cent")

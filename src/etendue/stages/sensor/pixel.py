@@ -26,6 +26,7 @@ from etendue.stages.sensor.sensitivity import (
     collection_at_zero,
     cut_off_notes,
     electrons_per_irradiance,
+    peaks_note,
     quantum_efficiency,
     shares,
     unused_notes,
@@ -210,6 +211,7 @@ class Pixel(Collecting, Summed):
         edges = grids["irradiance"].bands().edges
         return [
             *unused_notes(self),
+            *peaks_note(self),
             *self._beyond_the_light(edges),
             *cut_off_notes(self, edges),
             *self._charge_under_other_filters(facts, grids),

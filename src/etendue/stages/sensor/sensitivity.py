@@ -22,6 +22,7 @@ FLAT = "flat"  # the sensitivity that is the same for photons of every wavelengt
 CLEAR = "WC"  # letters of pixels without a filter
 WORDS = {"red": "R", "green": "G", "blue": "B", "white": "W", "clear": "C"}
 CAMERA_COLUMNS = ("R", "G", "B")
+OF_THE_SAME, SAME_PEAK = 0.005, 0.01  # columns whose peaks are so near to 1 are relative; a table's peak is so near to peak_qe
 FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is looked for
 
 
@@ -159,6 +160,27 @@ def unused_notes(stage: Any) -> list[str]:
     return said
 
 
+def peaks_note(stage: Any) -> list[str]:
+    """What is said of a table that looks absolute (columns between 0 and 1, of peaks other than 1) and is scaled to other peaks."""
+    if stage.sensitivity == FLAT or not spectra.spectrum(stage.sensitivity) or stage.sensitivity_kind != "system_qe":
+        return []
+    names, _, values = spectra.camera_rows(stage.sensitivity)
+    channels = [(letter, column) for letter, column in zip(stage.channels, _columns_of(stage, names), strict=True) if column is not None]
+    peaks = np.array([values[:, column].max() for _, column in channels])
+    wanted = np.broadcast_to(np.array(stage.peak_qe), len(channels)) if len(stage.peak_qe) == 1 else np.array(stage.peak_qe)
+    relative = np.ptp(peaks) < OF_THE_SAME and peaks.max() > 1 - OF_THE_SAME
+    if stage.sensitivity_per == "energy" or relative or peaks.max() > 1 or not peaks.min() > 0:
+        return []
+    if np.all(np.abs(peaks - wanted) <= SAME_PEAK * peaks):
+        return []
+    found, given = (", ".join(f"{one:.3g}" for one in part) for part in (peaks, wanted))
+    what = stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    return [
+        f"the columns of {what} peak at {found} ({', '.join(letter for letter, _ in channels)}) and are scaled to peak_qe = [{given}]; "
+        f"to take them as they stand: peak_qe = [{found}]"
+    ]
+
+
 def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     """What is said of a table that ends where a channel still sees: beyond, the channel sees nothing.
 
@@ -170,7 +192,7 @@ def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
     if lowest <= edges[0] and edges[-1] <= highest:
         return []  # without colour-science
     names, rows, values = spectra.camera_rows(stage.sensitivity)
-    what = stage.sensitivity if stage.sensitivity.endswith(".csv") else f"the sensitivity {stage.sensitivity!r}"
+    what = stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
     chosen = [column for column in _columns_of(stage, names) if column is not None]
     curves = values[:, chosen] / (rows[:, None] if stage.sensitivity_per == "energy" else 1.0)
     return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])

@@ -1,0 +1,59 @@
+"""Spectra in SPDX files, as makers of lamps and filters publish them.
+
+In:  a file of the form of ANSI/IES TM-27-14 (XML).
+Out: a name, wavelengths (nm), values in the units of the file.
+Source: ANSI/IES TM-27-14, Electronic Transfer of Spectral Data.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import numpy.typing as npt
+
+ENDING = ".spdx"
+COLUMN = "spectrum"  # the one column of such a file
+
+
+def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The one column of an SPDX file, as `bins.csv_rows` gives columns of a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        A root ``IESTM2714`` with ``SpectralDistribution`` and in it ``<SpectralData wavelength="380.0">0.013</SpectralData>``,
+        two at least, of ascending wavelength in nm. What the head says is not looked at, nor is ``SpectralQuantity``.
+
+    Returns
+    -------
+    names, (rows,) wavelengths in nm, (rows, 1) values
+
+    Raises
+    ------
+    ValueError
+        No XML, no such form, a number that is none, wavelengths that do not ascend.
+    """
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{path} is no SPDX file: {error}") from None
+    found = [one for one in root.iter() if one.tag.rpartition("}")[2] == "SpectralData"]
+    if len(found) < 2:
+        raise ValueError(f"{path} has {len(found)} elements SpectralData; at least two are needed, as ANSI/IES TM-27-14 has them")
+    rows = np.array([[_number(path, one, one.get("wavelength")), _number(path, one, one.text)] for one in found])
+    for before, after in zip(rows[:-1, 0], rows[1:, 0], strict=True):
+        if not after > before:
+            raise ValueError(f"{path}: wavelength {after:g} nm does not ascend from {before:g} nm")
+    return [COLUMN], rows[:, 0], rows[:, 1:]
+
+
+def _number(path: Path, one: ElementTree.Element, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise ValueError(f"{path}: {text!r} in SpectralData at {one.get('wavelength')} nm is not a finite number")
+    return value

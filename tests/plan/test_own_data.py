@@ -1,0 +1,49 @@
+"""Tables of one's own: what the plan says that it does with them."""
+
+import pytest
+
+from etendue.plan.planner import make_plan
+from etendue.registry import installed_stages
+from etendue.spec.pipeline import parse_pipeline
+from tests.plan.given import SCENE, SENSOR
+
+CAMERA = """
+[camera]
+{}
+f_number = 4
+pixel_pitch = "5 um"
+full_well_density = "1000 electron um-2"
+integration_time = "8 ms"
+sensitivity = "qe.csv"
+"""
+PEAKS = (0.46, 0.55, 0.47)
+
+
+def warnings(folder, camera, columns, **overrides):
+    """Of a plan whose sensitivity has these peaks at 450, 550 and 600 nm."""
+    rows = [(380, 0.5), (450, 1.0), (550, 1.0), (600, 1.0), (720, 0.5)]
+    lines = [",".join(str(one) for one in (nm, *(share * peak for peak in columns))) for nm, share in rows]
+    (folder / "qe.csv").write_text("wavelength_nm,R,G,B\n" + "\n".join(lines))
+    text = CAMERA.format(camera) + SCENE.format(scene="uniform").replace('spacing = "1 um"', "") + SENSOR
+    return make_plan(parse_pipeline(text, folder=folder, overrides=overrides), installed_stages()).warnings
+
+
+@pytest.mark.parametrize(
+    ("camera", "columns", "said"),
+    [
+        ("peak_qe = [0.36, 0.44, 0.40]", PEAKS, "take them as they stand: peak_qe = [0.46, 0.55, 0.47]"),
+        ("peak_qe = 0.5", PEAKS, "scaled to peak_qe = [0.5, 0.5, 0.5]"),
+        ("peak_qe = [0.46, 0.55, 0.47]", PEAKS, ""),
+        ("peak_qe = [0.36, 0.44, 0.40]", (1.0, 1.0, 1.0), ""),  # relative
+        ("peak_qe = [0.36, 0.44, 0.40]", (46, 55, 47), ""),  # of another unit
+    ],
+)
+def test_a_table_that_looks_absolute_is_told_to_be_scaled(tmp_path, camera, columns, said):
+    found = [one for one in warnings(tmp_path, camera, columns) if "peak_qe" in one]
+    assert (any(said in one for one in found)) if said else not found, found
+
+
+@pytest.mark.parametrize(("more", "said"), [("", True), ("\npeak_qe = [0.4, 0.4, 0.4]", False)])
+def test_the_peaks_of_a_named_sensor_are_told_where_only_the_curves_are_given(tmp_path, more, said):
+    found = warnings(tmp_path, f'sensor = "sony-imx174"{more}', (1.0, 1.0, 1.0))
+    assert any("is that of the sensor sony-imx174" in one for one in found) == said
