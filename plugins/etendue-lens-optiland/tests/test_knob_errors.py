@@ -14,9 +14,8 @@ pytest.importorskip("optiland")
 
 from etendue_lens_optiland.stages import Blur, Distortion, Illumination
 
-from etendue.run.tables import coordinates_of
-from etendue.spec.facts import Facts
-from etendue.spec.grid import Bands, Grid, Line
+from etendue.api import Bands, Facts, Grid, Line
+from etendue.testing import coordinates_of
 
 FINE = {
     "illumination": {"nodes": 33, "pupil_samples": 128},

@@ -42,7 +42,9 @@ def code_digest(kind: type[Stage]) -> str:
     if file is None:
         return digest(module.encode())
     path = Path(file)
-    return _tree_digest(str(path.parent if path.name == "__init__.py" else path))
+    own = _tree_digest(str(path.parent if path.name == "__init__.py" else path))
+    models = sorted({base.__module__ for base in kind.__mro__ if base.__module__.startswith("etendue.stages.")})
+    return digest(" ".join([own, *(_built_in_digest(one, ()) for one in models)]).encode()) if models else own
 
 
 @cache

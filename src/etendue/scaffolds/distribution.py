@@ -177,7 +177,6 @@ class Test{one.name}(StageConformance):
 
 
 def _stage(one: Beginning) -> str:
-    told = "\n".join(f"    {word} {declared}" for word, ports in _ports(one.kind) for declared in ports.values())
     first = cleandoc(one.kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
     taken = "\n".join(f"    #     {name}" for name in parameters_of(one.kind)) or "    #     none"
     return f'''\
@@ -185,14 +184,14 @@ def _stage(one: Beginning) -> str:
 
 {_listed("In: ", reads_of(one.kind))}
 {_listed("Out:", writes_of(one.kind))}
-"""
+{_coordinates(one)}"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from {one.kind.__module__} import {one.kind.__name__}
+from {_public(one.kind)} import {one.kind.__name__}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,8 +199,6 @@ class {one.name}({one.kind.__name__}):
     """What it does, in a sentence (who published it, where).
 
     It begins as ``{one.like}``: {first}
-
-{told}
     """
 
     # Parameters it has already:
@@ -212,19 +209,41 @@ class {one.name}({one.kind.__name__}):
 {_method(one)}'''
 
 
-def _ports(kind: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    return [("reads ", reads_of(kind)), ("writes", writes_of(kind))]
+def _public(kind: Any) -> str:
+    """Where a class may be imported from."""
+    return "etendue.models" if kind.__module__.startswith("etendue.") else str(kind.__module__)
 
 
 def _listed(word: str, ports: Mapping[str, Any]) -> str:
-    return f"{word} {', '.join(f'``{name}``' for name in ports) or 'nothing'}."
+    told = [f"``{port}``: {str(declared).removeprefix(f'{port}: ')}" for port, declared in ports.items()]
+    return f"{word} {'; '.join(told) or 'nothing'}."
+
+
+COORDINATES = {
+    "y": "rows: where they stand, in pixels of the whole sensor behind it, in um on the image plane in front of it",
+    "x": "columns, in the same way",
+    "y_um": "rows: where they stand on the image plane, um",
+    "x_um": "columns, in the same way",
+    "wavelength": "middles of the bands, nm",
+    "wavelength_edges": "edges of the bands, nm, one more than there are bands",
+    "fy": "cycles/um along y",
+    "fx": "cycles/um along x",
+    "prepared": "what ``prepare`` gives, made once for many calls",
+    "rng": "random numbers of this cell alone",
+    "rng_sensor": "random numbers that stay with the sensor",
+    "asked": "names of the variables that are asked for",
+}
+
+
+def _coordinates(one: Beginning) -> str:
+    """The arguments that are no variables, a line each."""
+    own = [p.name for p in _arguments(one)]
+    return "".join(f"``{name}``: {COORDINATES[name]}.\n" for name in own if name in COORDINATES)
 
 
 def _method(one: Beginning) -> str:
     """The method that computes, handing on to the one it inherits."""
-    name = "transfer" if is_transfer(one.kind) else "run"
-    method = getattr(one.kind, name)
-    parameters = list(inspect.signature(method).parameters.values())[1:]
+    name, parameters = _computes(one), _arguments(one)
     asked = ", ".join(["self", *(_declared(p) for p in parameters)])
     given = ", ".join(p.name for p in parameters)
     what = "what the stage multiplies the spectrum of the picture with" if name == "transfer" else "{variable: array} of all it writes"
@@ -233,6 +252,14 @@ def _method(one: Beginning) -> str:
         # Your arithmetic in the place of this line; it gives {what}.
         return {one.kind.__name__}.{name}(self{", " if given else ""}{given})
 """
+
+
+def _computes(one: Beginning) -> str:
+    return "transfer" if is_transfer(one.kind) else "run"
+
+
+def _arguments(one: Beginning) -> list[inspect.Parameter]:
+    return list(inspect.signature(getattr(one.kind, _computes(one))).parameters.values())[1:]
 
 
 def _declared(parameter: inspect.Parameter) -> str:

@@ -35,9 +35,11 @@ class Quantity(Parameter):
                 raise TypeError(f"{name} is {getattr(self, name)!r}; expected a number")
 
 
-def quantity(name: str) -> Any:
-    """The dataclass field of a shared camera quantity."""
+def quantity(name: str, doc: str = "") -> Any:
+    """The dataclass field of a shared camera quantity; ``doc`` says of a stage that takes some of its values which."""
     found = declared(name)
+    if doc:
+        found = dataclasses.replace(found, doc=doc)
     return dataclasses.field(default=found.default, metadata={"parameter": found})
 
 

@@ -25,7 +25,7 @@ class _Demosaic(Stage):
     creates: ClassVar = {"channel": RGB}
     negative: ClassVar = "keep"
 
-    pattern: str = quantity("pattern")
+    pattern: str = quantity("pattern", "colour filter array, of Bayer orders alone: RGGB, BGGR, GRBG, GBRG; others: demosaic_any")
 
     def __post_init__(self) -> None:
         bayer_order(self.pattern, "this demosaicer")
