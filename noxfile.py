@@ -41,3 +41,10 @@ def long(session: nox.Session) -> None:
 def docs(session: nox.Session) -> None:
     """The site, in docs/_build/html; a warning is a fault, such as a link that leads nowhere."""
     session.run("sphinx-build", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html", *session.posargs)
+
+
+@nox.session
+def links(session: nox.Session) -> None:
+    """Links that lead out of the site, sources of sensors among them. Needs the net: not part of CI; without one it says so."""
+    session.run("sphinx-build", "-q", "-b", "linkcheck", "docs", "docs/_build/links", *session.posargs, success_codes=[0, 1])
+    session.run("python", "docs/making/links.py", "docs/_build/links/output.json")

@@ -16,7 +16,7 @@ ROOT = HERE.parent
 MADE = HERE / "made"
 sys.path.insert(0, str(HERE))
 
-from making import commands, copies, gallery, python, stages  # noqa: E402
+from making import commands, copies, gallery, python, sensors, stages  # noqa: E402
 
 project = "etendue"
 author = copyright = "The etendue developers"
@@ -38,6 +38,9 @@ napoleon_google_docstring = False
 napoleon_use_param = False  # types are words and shapes, not names to look up
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+
+linkcheck_timeout, linkcheck_retries, linkcheck_workers = 20, 2, 4
+linkcheck_report_timeouts_as_broken = True
 
 html_theme = "pydata_sphinx_theme"
 html_title = "etendue"
@@ -72,7 +75,7 @@ def make(app: Any) -> None:
     begun = time.perf_counter()
     pictures = MADE / "pictures"
     kept = os.environ.get("ETENDUE_DOCS_PICTURES") == "keep" and (MADE / "gallery.md").exists()
-    pages = {**copies.copies(ROOT), **commands.pages(), **python.pages()}
+    pages = {**copies.copies(ROOT), **commands.pages(), **python.pages(), "sensors": sensors.page()}
     if kept:
         names = {path.stem: "what it writes" for path in pictures.glob("*.png")}
         pages["gallery"] = (MADE / "gallery.md").read_text().rstrip("\n")

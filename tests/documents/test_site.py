@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import sys
 import tomllib
@@ -14,6 +15,7 @@ import etendue.api
 from etendue.cli import main
 from etendue.registry import installed_stages
 from etendue.spec import camera
+from etendue.spec.presets import preset, preset_names
 from etendue.spec.stage import parameters_of, reads_of, writes_of
 from tests.documents.pages import DOCS, ROOT
 
@@ -130,3 +132,37 @@ def test_the_citation_names_this_version():
     assert (
         text.startswith("cff-version: 1.2.0\n") and f'version: "{project["version"]}"' in text and f"license: {project['license']}" in text
     )
+
+
+def test_every_value_of_a_packaged_sensor_stands_on_a_page_with_its_source(making):
+    text = making("sensors").page()
+    for name in preset_names():
+        part = text.partition(f"## {name}\n")[2].partition("\n## ")[0]
+        for quantity, one in preset(name).camera.items():
+            (row,) = (line for line in part.splitlines() if line.startswith(f"| `{quantity}` |"))
+            assert not one.source.startswith("http") or f"](<{one.source}>)" in row
+
+
+def link(status, info="", uri="https://a.b/c"):
+    return json.dumps({"filename": "made/sensors.md", "lineno": 7, "status": status, "code": 0, "uri": uri, "info": info})
+
+
+@pytest.mark.parametrize(
+    ("lines", "said", "code"),
+    [
+        ([link("working"), link("unchecked", uri="#a")], "1 links tried, 0 broken", 0),
+        (
+            [link("working"), link("broken", "404 Client Error: Not Found")],
+            "made/sensors.md:7: https://a.b/c is broken: 404 Client Error",
+            1,
+        ),
+        ([link("working"), link("broken", "Failed to resolve: NameResolutionError")], "2 links tried, 1 broken", 1),
+        ([link("redirected", "https://d.e/")], "https://a.b/c leads to https://d.e/", 0),
+        ([link("timeout"), link("broken", "Max retries exceeded: NameResolutionError")], "none of 2 links could be reached", 3),
+        ([link("broken", "404 Client Error: Not Found")], "1 links tried, 1 broken", 1),
+        ([link("unchecked")], "0 links tried, 0 broken", 0),
+    ],
+)
+def test_links_that_lead_out_are_judged_and_a_lacking_net_is_told_from_a_lacking_page(making, lines, said, code):
+    told, found = making("links").judged(lines)
+    assert found == code and any(said in line for line in told), told

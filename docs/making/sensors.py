@@ -1,0 +1,34 @@
+"""The packaged sensors as a page: each value with its source, as a link where it is one."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from etendue.spec.presets import preset, preset_names
+from etendue.spec.units import as_written
+from making.markdown import shown, table
+
+
+def page() -> str:
+    """A part for each sensor."""
+    parts = [
+        "# Packaged sensors",
+        "Every value with its source, as `etendue sensors NAME` prints them; `typical` names no measurement of that sensor. How to use "
+        "them: [sensors.md](../sensors.md).",
+    ]
+    for name in preset_names():
+        one = preset(name)
+        parts += [
+            f"## {name}",
+            shown(f"{one.title}. {one.description}"),
+            table(("quantity", "value", "source"), _rows({**one.facts, **one.camera})),
+        ]
+    return "\n\n".join(parts)
+
+
+def _rows(values: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    return [(f"`{name}`", f"`{as_written(one.value)}`", _source(one)) for name, one in values.items()]
+
+
+def _source(one: Any) -> str:
+    place = f"[{one.source.partition('//')[2].partition('/')[0]}](<{one.source}>)" if one.source.startswith("http") else shown(one.source)
+    return f"{place}; {shown(one.note)}" if one.note else place
