@@ -16,7 +16,12 @@ ROOT = HERE.parent
 MADE = HERE / "made"
 sys.path.insert(0, str(HERE))
 
+from pygments.lexers.special import TextLexer  # noqa: E402
+from sphinx.highlighting import lexers  # noqa: E402
+
 from making import commands, copies, gallery, python, sensors, stages  # noqa: E402
+
+lexers["csv"] = TextLexer()  # which Pygments does not know
 
 project = "etendue"
 author = copyright = "The etendue developers"
