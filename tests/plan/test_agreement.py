@@ -36,6 +36,7 @@ DIFFER = {
     "oversampling": "of painted leaves, and of a spline",
     "power": "of a cosine, of glare, of a mean",
     "radius": "of a chart, of glare, and of filters in pixels",
+    "reflectances": "required of a chart that shows them; of a fit the ColorChecker's",
     "spacing": "of a scene, and of a cube that has its own",
     "strength": "of a correction that is meant in full, and of a sharpening",
     "target": "a white, and a level",
