@@ -31,7 +31,7 @@ class _Package(ModuleType):
             from importlib import import_module
 
             found = getattr(import_module(_PLACES[name]), name)
-            _with_plots()
+            _with_plots(name == "open_archive")
             return found
         raise AttributeError(f"module 'etendue' has no attribute {name!r}")
 
@@ -53,9 +53,9 @@ class _Package(ModuleType):
 sys.modules[__name__].__class__ = _Package
 
 
-def _with_plots() -> None:
-    """``tree.etendue``, where xarray is there; else xarray asks for it when it first opens something."""
-    if "xarray" in sys.modules:
+def _with_plots(needed: bool = False) -> None:
+    """``tree.etendue``, where xarray is there, or will be; else xarray asks for it when it looks for engines."""
+    if needed or "xarray" in sys.modules:
         from etendue.plots import accessor  # noqa: F401
 
 

@@ -78,6 +78,16 @@ class Outcome:
     def computed(self) -> int:
         return self.reports.count(DONE, LEFT_OUT)
 
+    def __repr__(self) -> str:
+        from etendue.plots.outcomes import outcome_text
+
+        return outcome_text(self)
+
+    def _repr_html_(self) -> str:
+        from etendue.plots.outcomes import outcome_page
+
+        return outcome_page(self)
+
 
 @dataclass
 class Collected:

@@ -191,4 +191,6 @@ def open_archive(place: str | Path) -> xarray.DataTree:
 
     from etendue.archive.objects import zarr_store
 
-    return xarray.open_datatree(zarr_store(str(place)), engine="zarr")
+    tree = xarray.open_datatree(zarr_store(str(place)), engine="zarr")
+    tree.encoding["source"] = f"{str(place).rstrip('/')}/data.zarr"
+    return tree

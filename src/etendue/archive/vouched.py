@@ -55,7 +55,9 @@ def open_archive(folder: str | Path) -> xarray.DataTree:
     store = VouchedStore.of(reading.open_archive(folder))
     if store.root is None:
         raise ArchiveError(f"{folder}: nothing of it can be read yet; its run has only begun")
-    return xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
+    tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
+    tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray says it of a path
+    return tree
 
 
 class VouchedStore(WrapperStore[LocalStore]):

@@ -239,6 +239,8 @@ class Pipeline:
         if archive is not None:
             import xarray
 
+            from etendue.plots import accessor  # noqa: F401  # tree.etendue
+
             outcome.tree = xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")
         return outcome
 

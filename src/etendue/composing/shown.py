@@ -10,18 +10,15 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+from etendue.report.html_tables import rows_of
 from etendue.report.terminal import human_seconds
 from etendue.telling import human_bytes
-
-STYLE = "text-align:left;padding:2px 10px 2px 0;border:0;vertical-align:top"
 
 
 def table_page(title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = ()) -> str:
     """A table with its title above and notes (HTML) below."""
-    head = "".join(f'<th style="{STYLE}">{escape(name)}</th>' for name in heads)
-    body = "".join("<tr>" + "".join(f'<td style="{STYLE}">{escape(str(cell))}</td>' for cell in row) + "</tr>" for row in rows)
     below = "".join(f"<div>{note}</div>" for note in notes)
-    return f"<div><b>{escape(title)}</b><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{below}</div>"
+    return f"<div><b>{escape(title)}</b>{rows_of(heads, rows)}{below}</div>"
 
 
 def plan_page(document: dict[str, Any]) -> str:

@@ -15,6 +15,8 @@ from typing import Any
 import xarray
 
 from etendue.errors import RequestError
+from etendue.plots import glance_page
+from etendue.plots.glance import glance
 from etendue.plots.holdings import Holdings
 from etendue.plots.kinds import KINDS, Asked, draw, listed
 from etendue.plots.opening import opened
@@ -52,10 +54,17 @@ class Plots:
 
 
 class TreeAccessor:
-    """``tree.etendue``: plots and pictures of an archive."""
+    """``tree.etendue``: an archive at a glance, plots and pictures of it."""
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
         self._tree = tree
+
+    def __repr__(self) -> str:
+        return glance_page.text(glance(self._tree))
+
+    def _repr_html_(self) -> str:
+        """Stages as small pictures, axes, figures, what failed and was left out, and what to do next."""
+        return glance_page.page(glance(self._tree))
 
     @property
     def plot(self) -> Plots:

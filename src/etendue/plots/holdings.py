@@ -14,6 +14,7 @@ import numpy as np
 import xarray
 
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
+from etendue.plots.labels import title_text
 from etendue.spec.names import TABLES
 from etendue.spec.variables import Variable
 from etendue.spec.variables import variable as known
@@ -62,7 +63,8 @@ class Held:
 
     @property
     def title(self) -> str:
-        return str(self.attrs.get("long_name", self.variable.replace("_", " ")))
+        """What it is, without its unit, which is written beside it."""
+        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units)
 
     @property
     def kind(self) -> str:

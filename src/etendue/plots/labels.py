@@ -55,6 +55,11 @@ def name_text(name: str, units: str = "") -> str:
     return f"{words}, {unit}" if unit else words
 
 
+def title_text(title: str, units: str) -> str:
+    """What a variable is, without the unit that is written beside it."""
+    return title.removesuffix(", line pairs per mm") if units in ("cycles/mm", "mm-1") else title
+
+
 def number_text(value: float, digits: int = 3) -> str:
     """A number in a cell: at most ``digits`` digits, few letters."""
     if not math.isfinite(value):

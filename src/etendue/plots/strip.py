@@ -59,7 +59,7 @@ def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, A
     frames = holdings.table("frames")
     kept = [one for one in holdings.of_kind("picture") if pictures.how(_one(one)) != "map" or one.known.shown == "map"]
     if not at and frames is not None:
-        return _of_frames(frames), str(frames.attrs.get("at", "")).removeprefix(" at ").strip()
+        return of_frames(frames), str(frames.attrs.get("at", "")).removeprefix(" at ").strip()
     asked = resolved(kept, at) if kept else {}
     cell = {dim: asked.get(dim, values[len(values) // 2]) for dim, values in holdings.axes.items()}
     tiles = []
@@ -132,7 +132,7 @@ def _one(held: Held) -> xarray.DataArray:
     return held.groups[0][held.variable]
 
 
-def _of_frames(frames: xarray.Dataset) -> list[Tile]:
+def of_frames(frames: xarray.Dataset) -> list[Tile]:
     """The pictures that a run has left of one cell."""
     tiles = []
     preview = frames["preview"].values

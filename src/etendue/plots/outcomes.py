@@ -1,0 +1,39 @@
+"""What a run gives, as it looks: the archive, or the tree in memory, at a glance, and what this run has done for it.
+
+In:  the outcome of a run.
+Out: HTML for a notebook, lines for a terminal.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from etendue.plots import glance_page
+from etendue.plots.glance import Glance, glance
+from etendue.plots.opening import opened
+from etendue.report.terminal import human_seconds
+
+
+def outcome_text(outcome: Any) -> str:
+    own = _seen(outcome)
+    return f"<run of {outcome.plan.pipeline.name}: {_done(outcome)}>" + (f"\n{glance_page.text(own)}" if own else "")
+
+
+def outcome_page(outcome: Any) -> str:
+    own = _seen(outcome)
+    return glance_page.page(own, f"this run: {_done(outcome)}") if own else f"<pre>{glance_page.safe(outcome_text(outcome))}</pre>"
+
+
+def _seen(outcome: Any) -> Glance | None:
+    """None of a run into an object store: its archive is opened by who asks for it."""
+    tree = outcome.tree
+    if tree is None and outcome.archive is not None and "://" not in str(outcome.archive):
+        tree = opened(Path(outcome.archive))
+    return glance(tree) if tree is not None else None
+
+
+def _done(outcome: Any) -> str:
+    parts = [f"{outcome.computed} cells computed", f"{len(outcome.reused)} reused"]
+    parts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
+    return f"{', '.join(parts)}, {human_seconds(outcome.seconds)}"

@@ -1,0 +1,39 @@
+"""Tables as notebooks show them.
+
+In:  rows of numbers and texts, which may come from anywhere.
+Out: HTML without scripts; texts are escaped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+from etendue.telling import printable
+
+STYLE = "text-align:left;padding:2px 10px 2px 0;border:0;vertical-align:top"
+
+
+def rows_of(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table without a title."""
+    head = "".join(f'<th style="{STYLE}">{_safe(name)}</th>' for name in heads)
+    body = "".join("<tr>" + "".join(f'<td style="{STYLE}">{_safe(cell)}</td>' for cell in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def table(
+    title: str, heads: Sequence[str], rows: Iterable[Sequence[Any]], notes: Sequence[str] = (), colour: str = "", folded: bool = False
+) -> str:
+    """A table with its title above and notes below; ``folded``: seen when its title is clicked."""
+    below = "".join(f"<div>{_safe(note)}</div>" for note in notes)
+    own = f"{rows_of(heads, rows)}{below}"
+    tint = f' style="color:{colour}"' if colour else ""
+    named = f"<b{tint}>{_safe(title)}</b>"
+    if folded:
+        return f'<details style="margin-top:.6em"><summary>{named}</summary>{own}</details>'
+    return f'<div style="margin-top:.6em">{named}{own}</div>'
+
+
+def _safe(text: Any) -> str:
+    return escape(printable(str(text)))
