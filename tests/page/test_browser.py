@@ -208,6 +208,116 @@ def test_nothing_reaches_beyond_the_window(browser, file, width):
     tab.context.close()
 
 
+DEEP = """
+name = "deep"
+seed = 1
+[camera]
+peak_qe = [0.36, 0.44, 0.40]
+focal_length = "6.93 mm"
+[[stages]]
+use = "uniform"
+name = "scene"
+white_luminance = "1000 cd m-2"
+width = "48 um"
+height = "48 um"
+bin_width = "100 nm"
+[[stages]]
+use = "irradiance"
+[[stages]]
+use = "pixel"
+rows = 4
+columns = 4
+[[stages]]
+use = "mosaic"
+[[stages]]
+use = "exposure"
+[[stages]]
+use = "shot_noise"
+[[stages]]
+use = "adc"
+[[stages]]
+use = "exposure_report"
+[sweep]
+f_number = [2, 4, 8]
+pixel_pitch = ["3 um", "6 um"]
+integration_time = ["2 ms", "4 ms", "8 ms"]
+full_well_density = ["100 electron um-2", "2000 electron um-2"]
+"""
+COLOUR = """([place, x, y]) => {  // what a map has painted at a share of one of its boxes
+  const host = document.querySelector(place), canvas = host.querySelector('canvas'), k = canvas.width / canvas.clientWidth;
+  return [...canvas.getContext('2d').getImageData(Math.round(x * k), Math.round(y * k), 1, 1).data]; }"""
+
+
+@pytest.fixture(scope="module")
+def deep(tmp_path_factory):
+    from etendue.plan.planner import make_plan
+    from etendue.registry import installed_stages
+    from etendue.session import Options, execute
+    from etendue.spec.pipeline import parse_pipeline
+
+    folder = tmp_path_factory.mktemp("deep") / "deep"
+    execute(make_plan(parse_pipeline(DEEP), installed_stages()), folder, Options("serial"))
+    path = folder.with_suffix(".html")
+    report(folder, path)
+    return folder, path
+
+
+@pytest.fixture
+def panelled(browser, deep):
+    tab = Watched(browser, deep[1].as_uri())
+    tab.page.locator("#maps select[aria-label=figure]").select_option("exposure_report.mean_snr")
+    tab.page.locator("#panels").scroll_into_view_if_needed()
+    tab.page.wait_for_selector("#panels svg .panel.now")
+    yield tab
+    assert tab.complaints == []
+    tab.context.close()
+
+
+def boxes(page, which):
+    return page.evaluate(
+        "(which) => [...document.querySelectorAll(which)].map((r) => ['x', 'y', 'width', 'height'].map((n) => Number(r.getAttribute(n))))",
+        which,
+    )
+
+
+def test_further_axes_are_panels_that_a_click_and_the_keyboard_move_between(panelled):
+    page = panelled.page
+    assert len(boxes(page, "#panels .panel")) == 6 and len(boxes(page, "#panels .panel.now")) == 1
+    titles = page.locator("#panels .titles text").all_text_contents()
+    assert [text for text in titles if text.endswith("ms")] == ["2 ms", "4 ms", "8 ms"]
+    assert sum("full_well" in text for text in titles) == 2
+    time = page.locator("input[data-axis=integration_time]")
+    for place in (0, 2):
+        panelled.slide("integration_time", place)
+        page.wait_for_timeout(150)
+        x, y, width, height = boxes(page, "#panels .panel.now")[0]
+        page.locator("#panels svg").click(position={"x": x + width / 6, "y": y + height * 0.75})  # the first column, the lowest row
+        expect(page.locator("input[data-axis=f_number]")).to_have_value("0")
+        expect(page.locator("input[data-axis=pixel_pitch]")).to_have_value("0")
+        assert time.input_value() == str(place)
+    page.locator("#panels svg").focus()
+    page.keyboard.press("ArrowLeft")
+    expect(time).to_have_value("1")
+    assert page.evaluate("document.activeElement.closest('#panels') !== null")
+
+
+def test_a_value_has_one_colour_in_the_map_and_in_every_panel(panelled, deep):
+    page = panelled.page
+    snr = xarray.open_dataset(deep[0] / "data.zarr", engine="zarr", group="exposure_report")["mean_snr"]
+    panelled.slide("integration_time", 1)
+    panelled.slide("full_well_density", 0)
+    panelled.slide("f_number", 2)
+    panelled.slide("pixel_pitch", 1)
+    page.wait_for_timeout(300)
+    chosen = boxes(page, "#map rect.chosen")[0]
+    same = page.evaluate(COLOUR, ["#map", chosen[0] + chosen[2] * 0.15, chosen[1] + chosen[3] * 0.3])
+    x, y, width, height = boxes(page, "#panels .panel.now")[0]
+    small = page.evaluate(COLOUR, ["#panels", x + width * (5 / 6 + 0.08), y + height * 0.12])
+    np.testing.assert_allclose(small, same, atol=3)  # 256 steps of the colours
+    texts = page.locator("#panels .numbers text").all_text_contents()
+    assert sorted(map(float, texts)) == pytest.approx(sorted(snr.values.ravel().tolist()), rel=5e-3)  # every cell once, three digits
+
+
 # ---- the live page
 
 

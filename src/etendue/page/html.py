@@ -17,7 +17,7 @@ from typing import Any
 
 from etendue.page.document import plain
 
-SCRIPTS = ("base.js", "charts.js", "maps.js", "sections.js", "explore.js", "tables.js", "live.js", "panes.js", "start.js")
+SCRIPTS = ("base.js", "charts.js", "maps.js", "panels.js", "sections.js", "explore.js", "tables.js", "live.js", "panes.js", "start.js")
 
 
 @cache

@@ -40,7 +40,7 @@ function extent(values, log, zero) {
   let low = Infinity, high = -Infinity;
   for (const v of values) if (Number.isFinite(v) && (!log || v > 0)) { if (v < low) low = v; if (v > high) high = v; }
   if (low > high) return log ? [1, 10] : [0, 1];
-  if (zero && low > 0 && low < 0.35 * high) low = 0;
+  if (zero && !log && low > 0 && low < 0.35 * high) low = 0;
   if (log) return [low / (high / low) ** 0.03, high * (high / low) ** 0.03];
   const pad = (high - low) * 0.05;
   return [low === 0 ? 0 : low - pad, high + pad];

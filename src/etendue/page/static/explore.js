@@ -64,27 +64,40 @@ function cellPart(doc, scalars) {
 function mapPart(doc, scalars) {
   const able = scalars.filter((s) => s.figure.axes.some((dim) => axisOf(dim).values.length > 1) && rangeOf(s).known);
   if (!able.length) return null;
-  let scalar = best(able, 1)[0] || able[0], across = null, down = null, log = false;
+  let scalar = best(able, 1)[0] || able[0], across = null, down = null, third = null, log = false;
+  const wideRange = () => { const { low, high } = rangeOf(scalar); return low > 0 && high / low > 30 && !scalar.figure.meanings.length; };  // from there on colours stand for equal ratios
+  log = wideRange();
+  const panels = el('div', { class: 'plot', id: 'panels' });
   const map = el('div', { class: 'plot', id: 'map' }), curve = el('div', { class: 'plot', id: 'lines' }), controls = el('div', { class: 'controls' }), title = el('h3', {}), meaning = el('p', { class: 'note' });
   const dims = () => scalar.figure.axes.filter((dim) => axisOf(dim).values.length > 1);
-  const fit = () => { const own = dims(); if (!own.includes(across)) across = own.reduce((a, b) => (axisOf(b).values.length > 3 * axisOf(a).values.length ? b : a)); if (down === across || !own.includes(down)) down = own.find((dim) => dim !== across) || null; };
+  const fit = () => { const own = dims(); if (!own.includes(across)) across = own.reduce((a, b) => (axisOf(b).values.length > 3 * axisOf(a).values.length ? b : a)); if (down === across || !own.includes(down)) down = own.find((dim) => dim !== across) || null; if (!rest().includes(third)) third = rest()[0] || null; };
+  const rest = () => dims().filter((dim) => dim !== across && dim !== down);
+  const redraw = () => { map.redraw(); panels.redraw(); curve.redraw(); };
   const drawControls = () => {
     fit();
+    panels.hidden = !third;
     const own = dims().map((dim) => ({ value: dim, name: axisOf(dim).label }));
-    const again = () => { drawControls(); map.redraw(); curve.redraw(); };
-    clear(controls, field('Figure', choice(options(able), scalar.id, (id) => { scalar = able.find((s) => s.id === id); again(); }, 'figure')),
+    const again = () => { drawControls(); redraw(); };
+    clear(controls, field('Figure', choice(options(able), scalar.id, (id) => { scalar = able.find((s) => s.id === id); log = wideRange(); again(); }, 'figure')),
       own.length > 1 ? field('Across', choice(own, across, (dim) => { if (dim === down) down = across; across = dim; again(); }, 'across')) : null,
       own.length > 1 ? field('Up', choice(own, down, (dim) => { if (dim === across) across = down; down = dim; again(); }, 'up')) : null,
-      rangeOf(scalar).low > 0 && rangeOf(scalar).high / rangeOf(scalar).low > 5 && !scalar.figure.meanings.length ? tick('logarithmic', log, (on) => { log = on; map.redraw(); curve.redraw(); }) : null);
+      rest().length > 1 ? field('Panels', choice(own.filter((one) => rest().includes(one.value)), third, (dim) => { third = dim; again(); }, 'panels')) : null,
+      rangeOf(scalar).low > 0 && rangeOf(scalar).high / rangeOf(scalar).low > 5 && !scalar.figure.meanings.length ? tick('logarithmic', log, (on) => { log = on; redraw(); }) : null);
     clear(title, axisLabel(scalar));
     clear(meaning, `${dotsOf(scalar)}; from the stage “${named(scalar.figure.stage)}”.`);
   };
   const value = (places) => { const v = scalar.figure.value({ ...state.at, ...places }, scalar.inner); return v; };
   sized(map, (width) => {
     fit();
-    const a = axisOf(across), b = down && axisOf(down), rest = scalar.figure.axes.filter((dim) => dim !== across && dim !== down && axisOf(dim).values.length > 1);
-    heatMap(map, width, { across: a, down: b, value: (i, j) => value({ [across]: i, ...(b ? { [down]: j } : {}) }), units: scalar.figure.units, meanings: scalar.figure.meanings, log: log && rangeOf(scalar).low > 0, at: [state.at[across], b ? state.at[down] : 0], label: axisLabel(scalar), pick: (i, j) => move({ [across]: i, ...(b ? { [down]: j } : {}) }) });
-    if (rest.length) map.append(el('p', { class: 'note' }, `At ${where(rest)}: move the slider to see the other planes.`));
+    const a = axisOf(across), b = down && axisOf(down), others = rest(), { low, high } = rangeOf(scalar);
+    heatMap(map, width, { across: a, down: b, value: (i, j) => value({ [across]: i, ...(b ? { [down]: j } : {}) }), units: scalar.figure.units, meanings: scalar.figure.meanings, log: log && rangeOf(scalar).low > 0, at: [state.at[across], b ? state.at[down] : 0], label: axisLabel(scalar), range: others.length ? [low, high] : null, pick: (i, j) => move({ [across]: i, ...(b ? { [down]: j } : {}) }) });
+    if (others.length) map.append(el('p', { class: 'note' }, `At ${where(others)}; colours on one scale for all of the sweep. The slider moves to other planes, which stand below, small.`));
+  });
+  sized(panels, (width) => {
+    fit();
+    const fourth = rest().find((dim) => dim !== third);
+    if (third) panelMaps(panels, width, { scalar, across: axisOf(across), down: down && axisOf(down), third: axisOf(third), fourth: fourth && axisOf(fourth), log: log && rangeOf(scalar).low > 0, pick: move, label: axisLabel(scalar) });
+    else clear(panels);
   });
   sized(curve, (width) => {
     fit();
@@ -96,8 +109,8 @@ function mapPart(doc, scalars) {
     if (b) curve.prepend(el('p', { class: 'note over' }, `Lines: ${b.label}${shown.length < b.values.length ? ` (${shown.length} of ${b.values.length})` : ''}`));
   });
   drawControls();
-  state.told.add(() => { map.redraw(); curve.redraw(); });
-  return section('maps', 'Over the axes', 'How any figure changes with what was swept. Click a cell of the map, or move it with the arrow keys, to go there.', card(controls, title, meaning, map, curve));
+  state.told.add(redraw);
+  return section('maps', 'Over the axes', 'How any figure changes with what was swept. Click a cell of the map, or move it with the arrow keys, to go there.', card(controls, title, meaning, map, panels, curve));
 }
 
 const spread = (n, most) => (n <= most ? Array.from({ length: n }, (_, i) => i) : Array.from({ length: most }, (_, i) => Math.round((i * (n - 1)) / (most - 1))));

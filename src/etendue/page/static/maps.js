@@ -9,8 +9,9 @@ function shade(share) {
 }
 const bright = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b > 120;
 
-// across, down: axes of the sweep; value(i, j): a number; pick(i, j). Names of whole numbers in `meanings`.
-function heatMap(host, width, { across, down, value, units, meanings, log, at, pick, label }) {
+// across, down: axes of the sweep; value(i, j): a number; pick(i, j). Names of whole numbers in `meanings`; `range`: of the colours, where that is
+// not the map's own.
+function heatMap(host, width, { across, down, value, units, meanings, log, at, pick, label, range }) {
   const columns = across.values.length, rows = down ? down.values.length : 1;
   const left = down ? Math.min(110, 24 + 6.6 * Math.max(...down.values.map((_, j) => axisValue(down, j).length))) : 16;
   const bar = meanings.length ? 0 : 74, wide = width - left - 12 - bar;
@@ -20,6 +21,7 @@ function heatMap(host, width, { across, down, value, units, meanings, log, at, p
   for (let j = 0; j < rows; j++) for (let i = 0; i < columns; i++) all[j * columns + i] = value(i, j);
   let [low, high] = [Infinity, -Infinity];
   for (const v of all) if (Number.isFinite(v) && (!log || v > 0)) { if (v < low) low = v; if (v > high) high = v; }
+  if (range && Number.isFinite(low)) [low, high] = range;
   const turn = log ? Math.log : (v) => v;
   const share = (v) => (high > low ? (turn(v) - turn(low)) / (turn(high) - turn(low)) : 0.5);
   const tint = (v) => (meanings.length ? null : shade(share(v)));
