@@ -8,7 +8,7 @@ import click
 
 from etendue import streams
 from etendue.cli.options import JSON, PLACE
-from etendue.cli.saying import command, say
+from etendue.cli.saying import blaming, command, say
 
 
 @command("report")
@@ -16,8 +16,9 @@ from etendue.cli.saying import command, say
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Default ./ARCHIVE-report.html; an older one is replaced."
 )
+@click.option("--blame", is_flag=True, help="Also what each stage is owed of lost contrast, SNR and colour: computed now, see losses.")
 @JSON
-def report(place: Path | str, output: Path | None, as_json: bool) -> None:
+def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -> None:
     """One page to read and send on: pictures, maps, curves, trade-offs, errors, failures.
 
     A single HTML file that opens in any browser of 2023 or later, offline. It holds the figures of all cells and the
@@ -26,8 +27,8 @@ def report(place: Path | str, output: Path | None, as_json: bool) -> None:
     from etendue.archive import places
     from etendue.page.report import report as write
 
-    with places.reading(place) as folder:
-        written = write(folder, output or Path(f"{folder.resolve().name}-report.html"))
+    with places.reading(place) as folder, blaming(blame, as_json) as shares:
+        written = write(folder, output or Path(f"{folder.resolve().name}-report.html"), shares)
     if as_json:
         say(
             {

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from etendue import streams
 from etendue.cli.options import JSON, PLACE
-from etendue.cli.saying import command, say, show
+from etendue.cli.saying import blaming, command, say, show
 
 
 @command("plot")
@@ -28,10 +29,11 @@ from etendue.cli.saying import command, say, show
 @click.option("--lines", default="", metavar="DIM", help="What lines of curves tell apart.")
 @click.option("--panels", default="", metavar="DIM,DIM", help="What panels tell apart, at most two.")
 @click.option("--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order.")
+@click.option("--blame", is_flag=True, help="Of a budget: also what each stage is owed of lost contrast, SNR and colour; computed now.")
 @JSON
 def plot(
     place: Path | str, words: tuple[str, ...], output: Path | None, listing: bool, at: tuple[str, ...], x: str, y: str, lines: str,
-    panels: str, better: str, as_json: bool,
+    panels: str, better: str, blame: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Draw what an archive holds: figures over axes, curves, fronts, pictures, budgets.
 
@@ -44,11 +46,11 @@ def plot(
     etendue plot sweep limits                             which factor limits resolution where
     etendue plot sweep strip                              all stages as pictures, a part of each enlarged
     etendue plot sweep show rgb_display --at f_number=2.8 --at pixel_pitch=4um --at integration_time=10ms
-    etendue plot sweep budget                             run time, error, omissions by stage
+    etendue plot sweep budget                             run time, error, omissions by stage; --blame: and losses
     """
     from etendue.archive import places
     from etendue.plots.holdings import Holdings
-    from etendue.plots.kinds import Asked, draw, kind_of, listed
+    from etendue.plots.kinds import Asked, draw, kind_of, listed, shown_at
     from etendue.plots.opening import opened
     from etendue.plots.places import read_at
     from etendue.plots.plot import check_suffix
@@ -65,7 +67,11 @@ def plot(
             say(document) if as_json else show(click.echo, "\n".join(plots_text(document)))
             return
         kind, figures = kind_of(holdings, words[0] if words else "", words[1:])
-        made = draw(holdings, kind, Asked(figures, asked.x, asked.y, asked.lines, asked.panels, asked.better, asked.at))
+        if blame and kind != "budget":
+            raise click.UsageError(f"--blame is for budget, not for {kind}")
+        with blaming(blame, as_json) as shares:
+            found = shares(folder, shown_at(holdings)) if shares else None
+        made = draw(holdings, kind, replace(asked, figures=figures, blame=found))
         path = made.save(output or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png"))
     if as_json:
         say({"file": str(path), "kind": kind, "columns": list(made.columns), "rows": [list(row) for row in made.rows], "notes": made.notes})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -42,6 +44,19 @@ def tell(as_json: bool, document: Any, draw: Any) -> None:
         say(document)
     else:
         show(draw, document)
+
+
+@contextmanager
+def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
+    """Who says what each stage of an archived camera is owed of its losses; None where nobody asks."""
+    if not wanted:
+        yield None
+        return
+    from etendue.report.terminal import trying
+    from etendue.studies.archive_losses import losses_at
+
+    with trying(silent) as told:
+        yield lambda folder, at: losses_at(folder, at, told)
 
 
 def _printable(value: Any) -> Any:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import math
+import shlex
 import tomllib
 from collections.abc import Mapping
 from typing import Any
@@ -30,7 +31,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
     columns = Columns()
     table = ledger(opened)
     found, omitted = figures(opened)
-    record, pipeline = opened.record, _pipeline(opened)
+    record, pipeline, start = opened.record, _pipeline(opened), _start(opened)
     return {
         "format": FORMAT,
         "made_by": f"etendue {importlib.metadata.version('etendue')}",
@@ -44,7 +45,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         "axes": [
             {"dim": a.dim, "key": a.key, "label": a.label, "units": a.units, "text": a.text, "values": list(a.values)} for a in opened.axes
         ],
-        "start": _start(opened),
+        "start": start,
         "stages": stage_rows(opened, table, about),
         "camera": _camera(opened),
         "figures": [_figure(one, columns) for one in found],
@@ -56,6 +57,8 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         "failures": failures(opened, table),
         "damaged": sorted(opened.damaged),
         "measured": measured(opened),
+        "blame": None,
+        "losses_command": _losses_command(opened, start),
         "provenance": _provenance(opened),
         "blob": columns.text(),
     }
@@ -85,6 +88,18 @@ def _start(opened: Opened) -> dict[str, int]:
             own = given[len(given) // 2]
         start[axis.dim] = axis.places.get(own, len(axis.values) // 2)
     return start
+
+
+def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
+    """What says which stage the losses are owed to, at the cell where the page begins; '' where it holds no pipeline file."""
+    last = sorted((opened.folder / "runs").glob("*.toml"))
+    if not last:
+        return ""
+    words = ["etendue", "losses", f"{opened.folder.resolve().name}/runs/{last[-1].name}"]
+    for axis in opened.axes:
+        if len(axis.values) > 1:
+            words += ["--set", f"{axis.key if '.' in axis.key else f'camera.{axis.key}'}={axis.values[start[axis.dim]]}"]
+    return shlex.join(words)
 
 
 def _pipeline(opened: Opened) -> dict[str, Any]:

@@ -7,7 +7,7 @@ Out: the file, written whole or not at all; how large it is, and what is in it.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,8 +32,11 @@ class Written:
     failed: int
 
 
-def report(archive: Path, output: Path) -> Written:
-    """Write the report of an archive.
+Blame = Callable[[Path, Mapping[str, Any]], Mapping[str, Any]]  # (folder, values of axes by dim): what each stage is owed of what is lost
+
+
+def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
+    """Write the report of an archive. ``blame``: who says what each stage is owed of the losses at the cell where the page begins.
 
     Raises
     ------
@@ -46,6 +49,8 @@ def report(archive: Path, output: Path) -> Written:
         raise RequestError(f"-o {output} is a folder; name a file, such as {output / 'report.html'}")
     opened = Opened(archive)
     made = reported(opened)
+    if blame is not None:
+        made["blame"] = {**blame(archive, {axis.dim: axis.values[made["start"][axis.dim]] for axis in opened.axes}), "at": made["start"]}
     text = page(made)
     output.parent.mkdir(parents=True, exist_ok=True)
     partial = output.with_name(f".{output.name}.{os.getpid()}.partial")

@@ -6,6 +6,7 @@ Out: a ``Plot`` of three columns of bars over the stages in their order.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ from etendue.plots.plot import Plot, new_figure
 COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "seconds_saved", "error", "how", "bound")
 
 
-def budget(holdings: Holdings) -> Plot:
-    """Thread time, stated error and omissions by stage.
+def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: str = "") -> Plot:
+    """Thread time, stated error and omissions by stage; with ``blame``, the document of ``etendue losses``, also what each is
+    owed of them in the camera at a ``place`` of the sweep.
 
     Raises
     ------
@@ -27,20 +29,24 @@ def budget(holdings: Holdings) -> Plot:
         There is no ledger.
     """
     rows = by_stage(holdings)
-    figure = new_figure(11.0, 1.5 + 0.24 * len(rows))
+    losses = list(blame["losses"]) if blame else []
+    high = 1.5 + 0.24 * len(rows)
+    below = 1.5 + 0.24 * max(len(loss["stages"]) for loss in losses) if losses else 0.0
+    whole = new_figure(11.0, high + below)
+    figure, second = whole.subfigures(2, 1, height_ratios=(high, below)) if losses else (whole, None)
     time, error, left = figure.subplots(1, 3, sharey=True, width_ratios=(1.0, 1.25, 1.0))
-    place = np.arange(len(rows))
+    rank = np.arange(len(rows))
     at = {name: [row[number] for row in rows] for number, name in enumerate(COLUMNS)}
     seconds, saved = np.nan_to_num(np.array(at["seconds"], float)), np.nan_to_num(np.array(at["seconds_saved"], float))
-    time.barh(place, seconds, color="#4477aa", label="spent")
-    time.barh(place, saved, left=seconds, color="none", edgecolor="#4477aa", hatch="////", linewidth=0.6, label="saved, as planned")
+    time.barh(rank, seconds, color="#4477aa", label="spent")
+    time.barh(rank, saved, left=seconds, color="none", edgecolor="#4477aa", hatch="////", linewidth=0.6, label="saved, as planned")
     top = max(float((seconds + saved).max()), 1e-9)
     for row, (own, more) in enumerate(zip(seconds, saved, strict=True)):
         time.text(own + more + 0.01 * top, row, _seconds(own), va="center", fontsize=7)
     time.set_xlim(0, 1.22 * top)
     time.set_title(f"thread time: {_seconds(float(seconds.sum()))} in all", fontsize=9)
     time.set_yticks(
-        place,
+        rank,
         [f"{name}  ({cells} {'cell' if cells == 1 else 'cells'})" for name, cells in zip(at["stage"], at["cells"], strict=True)],
         fontsize=7.5,
     )
@@ -50,9 +56,9 @@ def budget(holdings: Holdings) -> Plot:
     positive = np.concatenate([stated[stated > 0], bound[bound > 1e-12]])
     low = 10.0 ** np.floor(np.log10(max(float(positive.min()), 1e-12)) - 0.3) if positive.size else 1e-9
     error.set_xscale("log")
-    error.barh(place - 0.19, np.where(stated > low, stated - low, 0), left=low, height=0.36, color="#cc6677", label="of the stage itself")
+    error.barh(rank - 0.19, np.where(stated > low, stated - low, 0), left=low, height=0.36, color="#cc6677", label="of the stage itself")
     error.barh(
-        place + 0.19, np.where(bound > low, bound - low, 0), left=low, height=0.36, color="#ddcc77", label="added by omissions, at most"
+        rank + 0.19, np.where(bound > low, bound - low, 0), left=low, height=0.36, color="#ddcc77", label="added by omissions, at most"
     )
     error.set_xlim(low, max(2.0 * float(positive.max()), 10 * low) * 12 if positive.size else 1.0)
     for row, (own, how) in enumerate(zip(stated, at["how"], strict=True)):
@@ -69,7 +75,7 @@ def budget(holdings: Holdings) -> Plot:
         ("failed", "#c03028", "failed or skipped"),
     ):
         if name != "failed" or shares[name].any():
-            left.barh(place, 100 * shares[name], left=100 * start, color=colour, label=words)
+            left.barh(rank, 100 * shares[name], left=100 * start, color=colour, label=words)
             start = start + shares[name] if name != "approximated" else start
     left.set_xlim(0, 105)
     left.set_title("share of the cells, %", fontsize=9)
@@ -79,7 +85,47 @@ def budget(holdings: Holdings) -> Plot:
         axes.set_axisbelow(True)
         axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.04 - 0.5 / max(len(rows), 4)), ncols=2)
     figure.suptitle(f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10)
-    return Plot(figure, COLUMNS, rows)
+    if blame is None:
+        return Plot(whole, COLUMNS, rows, ["which stage loses contrast, SNR and colour: --blame"])
+    for axes, loss in zip(np.atleast_1d(second.subplots(1, len(losses))) if second is not None else (), losses, strict=True):
+        _draw_loss(axes, loss)
+    if second is not None and place:
+        second.suptitle(f"what each stage is owed of the losses, at {place}", fontsize=10)
+    notes = [*([f"no losses: {blame['why']}"] if blame.get("why") else []), *map(str, blame["notes"])]
+    return Plot(whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes)
+
+
+def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
+    """Bars of what each stage is owed; what wins back to the left."""
+    names, shares = [one["stage"] for one in loss["stages"]], np.array([_known(one["share"]) for one in loss["stages"]])
+    place = np.arange(len(names))
+    axes.barh(place, 100 * shares, color=np.where(shares < 0, "#44aa77", "#cc6677"))
+    low, high = min(0.0, 100 * float(np.nanmin(shares, initial=0.0))), max(0.0, 100 * float(np.nanmax(shares, initial=0.0)))
+    for row, share in enumerate(shares):
+        text = "unknown" if np.isnan(share) else f"{100 * share:.1f} %"
+        axes.text(100 * max(np.nan_to_num(share), 0.0) + 0.02 * (high - low), row, text, va="center", fontsize=7)
+    axes.set_xlim(low - 0.03 * (high - low), high + 0.25 * (high - low) if high > low else 1.0)
+    axes.set_yticks(place, names, fontsize=7.5)
+    axes.invert_yaxis()
+    axes.axvline(0, color="0.4", linewidth=0.8)
+    axes.set_title(f"{loss['what']}: {loss['camera']:.3g}, ideal {loss['ideal']:.3g}\n({loss['figure']})", fontsize=8.5)
+    axes.set_xlabel("share of what is lost, %; below 0: wins back", fontsize=7.5)
+    axes.tick_params(labelsize=7.5, length=2)
+    axes.grid(axis="x", color="0.93")
+    axes.set_axisbelow(True)
+
+
+def _known(share: Any) -> float:
+    return np.nan if share is None else float(share)
+
+
+def _with_shares(rows: list[list[Any]], losses: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
+    """A share of each loss behind what is known of a stage; stages that are one in a loss, a row of their own."""
+    shares = [{one["stage"]: one["share"] for one in loss["stages"]} for loss in losses]
+    names = [row[0] for row in rows]
+    apart = [name for name in dict.fromkeys(name for own in shares for name in own) if name not in names]
+    beside = [[name, *[None] * (len(COLUMNS) - 1)] for name in apart]
+    return [[*row, *(own.get(row[0]) for own in shares)] for row in [*rows, *beside]]
 
 
 def by_stage(holdings: Holdings) -> list[list[Any]]:

@@ -15,7 +15,7 @@ from etendue.plots.budget import budget
 from etendue.plots.curves import curves
 from etendue.plots.holdings import KINDS as HELD
 from etendue.plots.holdings import Held, Holdings
-from etendue.plots.labels import unit_text, value_text
+from etendue.plots.labels import places_text, unit_text, value_text
 from etendue.plots.maps import factor_map, figure_map
 from etendue.plots.pareto import pareto
 from etendue.plots.plot import Plot
@@ -44,6 +44,7 @@ class Asked:
     panels: tuple[str, ...] = ()
     better: tuple[str, ...] = ()
     at: Mapping[str, Any] = field(default_factory=dict)
+    blame: Mapping[str, Any] | None = None  # of a budget: the document of `etendue losses`
 
 
 def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot:
@@ -70,7 +71,7 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     if kind == "pareto":
         return pareto(holdings, first, second, asked.better, asked.at)
     if kind == "budget":
-        return budget(holdings)
+        return budget(holdings, asked.blame, places_text(middle, {dim: one.units_of(dim) for one in holdings for dim in one.axes}))
     stage, _, variable = first.rpartition(".")
     return {"strip": strip, "show": show}[kind](holdings, variable, stage, asked.at)
 

@@ -1,0 +1,121 @@
+"""The camera of an archive at one place of its sweep is the one whose cell stands there, whatever is swept."""
+
+import pytest
+import xarray
+
+from etendue.page.opened import Opened
+from etendue.page.report import report
+from etendue.plan.planner import make_plan
+from etendue.plots.holdings import Holdings
+from etendue.plots.kinds import Asked, draw
+from etendue.plots.opening import opened
+from etendue.registry import installed_stages
+from etendue.session import Options, execute
+from etendue.spec.pipeline import parse_pipeline
+from etendue.studies.archive_losses import camera_at, losses_at
+from etendue.studies.losses import losses
+from tests.page.conftest import embedded_document
+
+PIPELINE = """
+name = "blamed"
+seed = 1
+[camera]
+focal_length = "6.93 mm"
+peak_qe = [0.36, 0.44, 0.40]
+pixel_pitch = "3 um"
+[[stages]]
+use = "colorchecker"
+name = "scene"
+white_luminance = "1000 cd m-2"
+width = "192 um"
+height = "192 um"
+spacing = "1.5 um"
+bin_width = "100 nm"
+[[stages]]
+use = "irradiance"
+[[stages]]
+use = "diffraction"
+[[stages]]
+use = "pixel"
+rows = 64
+columns = 64
+[[stages]]
+use = "mosaic"
+[[stages]]
+use = "exposure"
+[[stages]]
+use = "shot_noise"
+[[stages]]
+use = "adc"
+[[stages]]
+use = "linearise"
+[[stages]]
+use = "white"
+[[stages]]
+use = "demosaic_bilinear"
+name = "demosaic"
+[[stages]]
+use = "sharpen"
+[sweep]
+f_number = [2, 8]
+sharpen.strength = [0, 0.3]
+demosaic.use = ["demosaic_bilinear", { use = "demosaic_colour_difference", label = "difference" }]
+"""
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("blamed") / "blamed"
+    execute(make_plan(parse_pipeline(PIPELINE), installed_stages()), folder, Options("serial"))
+    return folder
+
+
+def test_its_cells_have_the_keys_of_the_cells_that_stand_there(archive):
+    ledger = xarray.open_dataset(archive / "data.zarr", engine="zarr", group="ledger").load()
+    own = ledger.isel(cell=ledger.stage.values.astype(object) == "sharpen")
+    assert own.sizes["cell"] == 8
+    for row in range(8):
+        one = own.isel(cell=row)
+        at = {
+            "f_number": float(one.at_f_number),
+            "sharpen_strength": float(one.at_sharpen_strength),
+            "demosaic": str(one.at_demosaic.values),
+        }
+        plan = make_plan(camera_at(archive, at), installed_stages())
+        (cell,) = plan.of("sharpen")
+        assert plan.cells[cell.ref].key == str(one.key.values)
+
+
+def test_losses_are_those_of_that_camera(archive):
+    at = {"f_number": 8.0, "sharpen_strength": 0.3, "demosaic": "difference"}
+    found = losses_at(archive, at, runs=0)
+    alone = losses(camera_at(archive, at), installed_stages(), runs=0).document()
+    assert [one["what"] for one in found["losses"]] == ["contrast", "SNR"] and found["why"] == ""
+    assert [one["loss"] for one in found["losses"]] == [one["loss"] for one in alone["losses"]]
+    other = losses_at(archive, {**at, "f_number": 2.0}, runs=0)
+    assert other["losses"][0]["loss"] < found["losses"][0]["loss"]  # a wider aperture blurs less
+
+
+def test_what_cannot_be_shared_out_says_why(tmp_path, archive):
+    (tmp_path / "empty/data.zarr").mkdir(parents=True)
+    assert "no record" in losses_at(tmp_path / "empty", {})["why"]
+
+
+def test_a_report_and_a_budget_hold_what_was_shared_out_and_else_the_command(archive, tmp_path):
+    asked = []
+
+    def shares(folder, at):
+        asked.append(at)
+        return losses_at(folder, at, runs=0)
+
+    report(archive, tmp_path / "with.html", shares)
+    report(archive, tmp_path / "without.html")
+    with_, without = (embedded_document((tmp_path / name).read_text()) for name in ("with.html", "without.html"))
+    start = {axis.dim: axis.values[with_["start"][axis.dim]] for axis in Opened(archive).axes}
+    assert asked == [start] and with_["blame"]["at"] == with_["start"]
+    assert [one["what"] for one in with_["blame"]["losses"]] == ["contrast", "SNR"]
+    assert without["blame"] is None and without["losses_command"].startswith("etendue losses blamed/runs/0001.toml --set ")
+    plot = draw(Holdings(opened(archive)), "budget", Asked(blame=losses_at(archive, start, runs=0)))
+    owed = {row[0]: row[-2] for row in plot.rows if row[-2] is not None}
+    assert owed == {one["stage"]: one["share"] for one in with_["blame"]["losses"][0]["stages"]}
+    assert plot.columns[-2:] == ("contrast_share", "snr_share") and plot.data("svg").count(b"win") >= 1
