@@ -18,7 +18,7 @@ from etendue.report.html_tables import table
 from etendue.report.terminal import human_seconds
 from etendue.telling import printable
 
-SIDE = 104  # dots of a small picture, at most
+SIDE = 128  # dots of a small picture, at most
 QUALITY = 82  # of WebP
 WORDS = {
     "done": "done",
@@ -114,7 +114,7 @@ def _seconds(saved: float) -> str:
 def _strip(tiles: Sequence[Tile], at: str) -> str:
     """Small pictures beside each other, in the order of the light."""
     shown = [
-        f"<figure{_style('margin:0;flex:0 0 auto;max-width:8.5em')}>{_image(one)}{_caption(one)}</figure>" for one in tiles[:MOST_PICTURES]
+        f"<figure{_style('margin:0;flex:0 0 auto;max-width:10.5em')}>{_image(one)}{_caption(one)}</figure>" for one in tiles[:MOST_PICTURES]
     ]
     left = f"<div>and {len(tiles) - MOST_PICTURES} more pictures</div>" if len(tiles) > MOST_PICTURES else ""
     title = f"From scene light to display{', at ' + at if at else ''}"
