@@ -83,7 +83,7 @@ def _start(opened: Opened) -> dict[str, int]:
     start = {}
     for axis in opened.axes:
         own = opened.record["camera"].get(axis.key) if axis.key in said else None
-        given = opened.record["axes"].get(axis.dim) or list(axis.values)
+        given = opened.record["axes"].get(axis.key) or list(axis.values)
         if not isinstance(own, int | float | str) or own not in axis.places:
             own = given[len(given) // 2]
         start[axis.dim] = axis.places.get(own, len(axis.values) // 2)

@@ -6,7 +6,7 @@ Out: ``Held`` by stage and variable; its values over the whole sweep, the shapes
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,6 +33,7 @@ class Held:
     stage: str
     variable: str
     groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one, or one for each shape
+    order: Mapping[str, Mapping[Any, int]] = field(default_factory=dict, repr=False)  # of names along axes, as they were swept
 
     @property
     def name(self) -> str:
@@ -89,7 +90,10 @@ class Held:
             else:
                 found.update(dict.fromkeys(range(group.sizes[dim])))
         values = list(found)
-        return sorted(values) if dim in self.axes and not any(isinstance(v, str) for v in values) else values
+        if dim not in self.axes:
+            return values
+        place = self.order.get(dim, {})
+        return sorted(values, key=lambda v: place.get(v, len(place))) if any(isinstance(v, str) for v in values) else sorted(values)
 
     def units_of(self, dim: str) -> str:
         group = self.groups[0]
@@ -159,11 +163,13 @@ class Holdings:
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree
         self.tree = tree
         self.held: dict[tuple[str, str], Held] = {}
-        for stage, groups in _stages(tree):
+        stages = _stages(tree)
+        self.order = self._order(group for _, groups in stages for group in groups)
+        for stage, groups in stages:
             for name in groups[0].data_vars:
                 if str(name) not in BESIDE and groups[0][name].dtype.kind in "fiub":
                     own = tuple(group for group in groups if name in group)
-                    self.held[stage, str(name)] = Held(stage, str(name), own)
+                    self.held[stage, str(name)] = Held(stage, str(name), own, self.order)
 
     def __iter__(self) -> Iterator[Held]:
         return iter(self.held.values())
@@ -178,7 +184,28 @@ class Holdings:
         for one in self:
             for dim in one.axes:
                 found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))
-        return {dim: list(values) for dim, values in found.items()}
+        return {dim: self._sorted(dim, values) for dim, values in found.items()}
+
+    def _sorted(self, dim: str, values: Iterable[Any]) -> list[Any]:
+        """Names as they were swept; numbers as they stand."""
+        place = self.order.get(dim, {})
+        return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
+
+    def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[Any, int]]:
+        """The names along each axis as they were swept: as the ledger has them, else as the group that has most of them."""
+        ledger = self.table("ledger")
+        found: dict[str, dict[Any, None]] = {}
+        along: dict[str, list[list[str]]] = {}
+        for group in groups:
+            for dim in map(str, group["status"].dims if "status" in group else ()):
+                if dim in group.coords and group[dim].dtype.kind not in "fiub":
+                    along.setdefault(dim, []).append(list(map(str, group[dim].values.tolist())))
+        for dim, lists in along.items():
+            told = ledger[f"at_{dim}"].values.tolist() if ledger is not None and f"at_{dim}" in ledger else []
+            found[dim] = dict.fromkeys(filter(None, map(str, told)))
+            for own in sorted(lists, key=len, reverse=True):
+                found[dim].update(dict.fromkeys(own))
+        return {dim: {value: place for place, value in enumerate(values)} for dim, values in found.items()}
 
     def find(self, name: str, *kinds: str) -> Held:
         """A variable by its name, or by ``stage.variable``; of several stages the last that wrote it.

@@ -212,6 +212,7 @@ def _draw(held: Sequence[Held], sense: Sequence[str], values: Any, best: Any, in
         getattr(axes, f"set_{name}label")(f"{wrapped(one.title + (f', {unit}' if unit else ''), 4.6)}\n{word} is better", fontsize=8.5)
         if own.min() > 0 and own.max() / own.min() > 30:
             getattr(axes, f"set_{name}scale")("log")
+    axes.margins(0.09)  # numbers beside the outermost points stay clear of the frame
     axes.tick_params(labelsize=8)
     axes.grid(color="0.92", zorder=0)
     axes.set_title(wrapped(title, 6.2), fontsize=10)

@@ -6,6 +6,7 @@ Out: a ``Plot``: a sample is a whole number of dots where it can be, the first r
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,7 @@ from etendue.report.details import part_of, side_of
 DPI = 100
 BOX, INSET, GAP, LABEL, HEAD = 260, 132, 12, 34, 40  # dots: sides of a picture and of its part, between, above a picture, above all
 COLUMNS = 6
+MOST_SAID = 5  # values of an axis in a message
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
     asked = resolved([held], at)
     open_ = [dim for dim in held.axes if dim not in asked and len(held.values_of(dim)) > 1]
     if len(open_) > 1:
-        raise RequestError(f"{held.name} has {' and '.join(open_)} open: choose a value of all but one with --at {open_[-1]}=...")
+        chosen = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_[1:])
+        raise RequestError(f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}")
     fixed = {dim: asked.get(dim, held.values_of(dim)[0]) for dim in held.axes if dim not in open_}
     units = {dim: held.units_of(dim) for dim in held.axes}
     found = []
@@ -98,14 +101,33 @@ def picture_of(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, boo
     """
     open_ = [dim for dim in held.axes if dim not in at and len(held.values_of(dim)) > 1]
     if open_:
-        first = held.values_of(open_[0])
-        shown = ", ".join(value_text(v, held.units_of(open_[0]), open_[0]) for v in first[:8])
-        raise RequestError(f"{held.name} is swept over {' and '.join(open_)}: choose a value of each; {open_[0]} is {shown}")
+        raise RequestError(_open_text(held, open_))
     at = {**{dim: held.values_of(dim)[0] for dim in held.axes}, **at}
     found = _picture(held, at)
     if found is None:
         raise RequestError(f"{held.name} was not computed at {places_text(dict(at), {dim: held.units_of(dim) for dim in held.axes})}")
     return found
+
+
+def _open_text(held: Held, open_: list[str]) -> str:
+    """What to choose of a variable that is swept, and what draws all of it."""
+    said = []
+    for dim in open_:
+        values = held.values_of(dim)
+        more = f", ... ({len(values)})" if len(values) > MOST_SAID else ""
+        said.append(f"{dim} is {', '.join(value_text(v, held.units_of(dim), dim) for v in values[:MOST_SAID])}{more}")
+    chosen = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_)
+    others = " ".join(f"--at {dim}={_typed(held.values_of(dim)[0])}" for dim in open_[1:])
+    shapes = ", in pictures of several sizes" if len({tuple(g.sizes[d] for d in ("y", "x")) for g in held.groups}) > 1 else ""
+    return (
+        f"{held.name} is swept over {' and '.join(open_)}{shapes}: choose a value of each with {chosen} ({'; '.join(said)}); "
+        f"or all of {open_[0]} beside each other: strip {held.name}{f' {others}' if others else ''}"
+    )
+
+
+def _typed(value: Any) -> str:
+    """A value of an axis as it is typed in a shell."""
+    return shlex.quote(f"{value:.6g}" if isinstance(value, float) else str(value))
 
 
 def _picture(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool] | None:

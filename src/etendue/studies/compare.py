@@ -24,6 +24,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.plan.sensors import SENSOR
 from etendue.registry import Registry, installed_stages
+from etendue.report.crops import Plane
 from etendue.run.cell import compute
 from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
@@ -59,6 +60,7 @@ class Comparison:
     named: bool = False  # whether the values were asked for one by one, not found among what is installed
     pictures: dict[int, Any] = field(default_factory=dict)  # by position: (3, y, x), encoded
     reference_pictures: dict[int, Any] = field(default_factory=dict)
+    planes: dict[int, Plane] = field(default_factory=dict)  # where their pixels lie
 
     @property
     def failed(self) -> bool:
@@ -151,11 +153,12 @@ def compare(
     notes += [*_on_the_references(known, shown, branched, asked), *reader.shared_faults()]
     if len(rows) - sum(row.status == "refused" for row in rows) == 1:
         notes.insert(0, f"there is nothing to hold it against: {'the others are refused' if len(rows) > 1 else 'it is the only one'}")
+    pictures = reader.pictures(branched, measured)
     return Comparison(
         pipeline.name, asked.key, rows, branched.linear.ours, branched.linear.reference, branched.without,
         "expected values, without noise and rounding" if expected else "1 frame, the same draws for all where they stand behind the noise",
         tuple(next(iter(known.values())).shape[-2:]), at, notes, first, reader.axis.units, by, reader.own_reference,
-        asked.values is not None, *reader.pictures(branched, measured),
+        asked.values is not None, *pictures, reader.planes(branched, pictures[0]),
     )  # fmt: skip
 
 

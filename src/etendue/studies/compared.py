@@ -6,12 +6,15 @@ Out: arrays, reports and reasons by position.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
 from etendue.errors import Fault, RequestError
 from etendue.plan.model import Alternative, CellRef, Plan
+from etendue.report.crops import Plane
 from etendue.session import Outcome
+from etendue.spec.grid import Line
 from etendue.studies.axis import Asked
 from etendue.studies.branches import Branched, Place
 
@@ -99,3 +102,14 @@ class Reader:
         ours, theirs = ({i: self.at(where, i) for i in done} for where in (pair.ours, pair.reference))
         both = [i for i in done if ours[i] is not None and theirs[i] is not None]
         return {i: ours[i] for i in both}, {i: theirs[i] for i in both}
+
+    def planes(self, branched: Branched, positions: Iterable[int]) -> dict[int, Plane]:
+        """Where the pixels of those pictures lie on the image plane."""
+        name, variable = (branched.display or branched.linear).ours
+        found = {}
+        for i in positions:
+            grid = self.plan.cells[self.ref(name, i)].grids[variable]
+            y, x = grid["y"], grid["x"]
+            if isinstance(y, Line) and isinstance(x, Line):
+                found[i] = (y.um(), x.um())
+        return found

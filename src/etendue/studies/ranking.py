@@ -215,14 +215,15 @@ def _plot(found: Comparison) -> bytes:
 
 
 def _crops(found: Comparison) -> bytes:
-    """The best side by side with the reference of the best; those of other sizes are named in a note."""
+    """The best side by side with the reference of the best, each with its size; those that lie nobody knows where are named in a note."""
     best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
     if not best:
         return b""
     reference = found.reference_pictures[best[0][1]]
-    alike = [(row, at) for row, at in best if found.pictures[at].shape == reference.shape]
+    placed = all(at in found.planes for _, at in best)  # else crops of several sizes have nothing in common
+    alike = [(row, at) for row, at in best if placed or found.pictures[at].shape == reference.shape]
     if len(alike) < len(best):
-        labels = [row.label for row, at in best if found.pictures[at].shape != reference.shape]
+        labels = [row.label for row, at in best if (row, at) not in alike]
         found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not in it: {', '.join(labels)}")
     if not alike:
         return b""
@@ -231,9 +232,9 @@ def _crops(found: Comparison) -> bytes:
         found.notes.append(
             f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; --axis '{found.key}=...' with fewer shows others: {others}"
         )
-    strips = [Strip(f"reference of {best[0][0].label}" if found.own_reference else "reference", reference)]
+    strips = [Strip(f"reference of {best[0][0].label}" if found.own_reference else "reference", reference, found.planes.get(best[0][1]))]
     for row, at in alike[:MOST_CROPS]:
-        strips.append(Strip(f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB", found.pictures[at]))
+        strips.append(Strip(f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB", found.pictures[at], found.planes.get(at)))
     encoded = any(row.psnr_encoded is not None for row, _ in alike)
     return strip(strips, encoded, f"{found.pipeline}: where they differ most")
 
