@@ -118,7 +118,7 @@ def glance(tree: xarray.DataTree | xarray.Dataset) -> Glance:
     failed = failed_cells(holdings, ledger, journal, units)
     counts = counts_of(holdings, ledger, journal)
     record = (latest_record(folder) or {}) if folder else {}
-    state = state_of(folder, record, counts)
+    state = state_of(folder if whole else None, record, counts)
     commands = [*_going_on(place, folder, state), *_commands(holdings, place, at)]
     names = (*((holdings.pipeline, record.get("pipeline")) if whole else ()), getattr(tree, "name", ""), tree.attrs.get("stage"))
     return Glance(
@@ -252,12 +252,13 @@ def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tup
     """In Python for any tree; as commands for what is stored."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     named = next((one.variable for name in FIRST for one in varying if one.variable == name), varying[-1].variable if varying else "")
-    drawn = [one.variable for one in holdings.of_kind("picture") if _is_finished(one, at)]
-    picture = next((name for name in ("rgb_display", "rgb_linear", "xyz_display", "raw") if name in drawn), drawn[-1] if drawn else "")
+    pictured = {one.variable: one for one in holdings.of_kind("picture")}
+    first = [name for name in ("rgb_display", "rgb_linear", "xyz_display", "raw") if name in pictured]
+    picture = next((name for name in (*first, *reversed(pictured)) if _is_finished(pictured[name], at)), "")
     found = [(f'tree.etendue.plot.map("{named}")', "a figure over the sweep")] if named else []
-    found += [("tree.etendue.plot.strip()", "every stage, with a part enlarged")] if drawn or holdings.table("frames") is not None else []
+    found += [("tree.etendue.plot.strip()", "every stage, with a part enlarged")] if picture or holdings.table("frames") is not None else []
     if picture:
-        one = holdings.find(picture, "picture")
+        one = pictured[picture]
         places = "".join(
             f", {dim}={at.get(dim, one.values_of(dim)[0])!r}" for dim in one.axes if len(one.values_of(dim)) > 1 and dim.isidentifier()
         )

@@ -31,15 +31,17 @@ def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str
     ended = f"{lost} {'cell' if lost == 1 else 'cells'} failed" if lost else "complete"
     if folder is None:
         return ended
-    running = is_running(folder)
-    far = progress(read(folder / JOURNAL), str(record.get("began", "")) if running else "")
-    share = f": {far['finished']} of {far['planned']} cells" if far["planned"] else ""
-    if running:
-        pace = [human_rate(far["rate"])] if far["rate"] else []
-        pace += [f"about {human_seconds(max(round(far['left']), 1))} left"] if far["left"] is not None else []
-        return ", ".join([f"running{share}", *pace])
-    short = far["planned"] is not None and far["finished"] < far["planned"]
-    return f"broken off{share}" if short or read_manifest(folder) is None else ended
+    if is_running(folder):
+        far = progress(read(folder / JOURNAL), str(record.get("began", "")))
+        words = [f"running: {far['finished']} of {far['planned']} cells" if far["planned"] else "running"]
+        words += [human_rate(far["rate"])] if far["rate"] else []
+        words += [f"about {human_seconds(max(round(far['left']), 1))} left"] if far["left"] is not None else []
+        return ", ".join(words)
+    if read_manifest(folder) is None:
+        far = progress(read(folder / JOURNAL))
+        return f"broken off: {far['finished']} of {far['planned']} cells" if far["planned"] else "broken off"
+    open_, cells = counts.get("not_computed", 0), sum(counts.values())
+    return f"broken off: {cells - open_} of {cells} cells" if open_ else ended
 
 
 def stages_of(holdings: Holdings, ledger: xarray.Dataset | None) -> list[str]:

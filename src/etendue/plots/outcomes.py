@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from etendue.errors import EtendueError
 from etendue.plots import glance_page
 from etendue.plots.glance import Glance, glance
 from etendue.plots.opening import opened
@@ -26,11 +27,14 @@ def outcome_page(outcome: Any) -> str:
 
 
 def _seen(outcome: Any) -> Glance | None:
-    """None of a run into an object store: its archive is opened by who asks for it."""
+    """None of a run into an object store, whose archive is opened by who asks for it, and of an archive that is gone."""
     tree = outcome.tree
-    if tree is None and outcome.archive is not None and "://" not in str(outcome.archive):
-        tree = opened(Path(outcome.archive))
-    return glance(tree) if tree is not None else None
+    try:
+        if tree is None and outcome.archive is not None and "://" not in str(outcome.archive):
+            tree = opened(Path(outcome.archive))
+        return glance(tree) if tree is not None else None
+    except EtendueError:
+        return None
 
 
 def _done(outcome: Any) -> str:
