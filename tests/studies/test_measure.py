@@ -83,6 +83,20 @@ def test_a_known_mtf_comes_back_within_its_interval(tmp_path, name, angle, sigma
     assert found["flags"] == [] and found["mtf50_low"] < found["mtf50"] < found["mtf50_high"]
 
 
+@settings(max_examples=8)
+@given(level=st.floats(0.8, 1.2), contrast=st.sampled_from([0.2, 0.5, 0.8]))
+def test_without_noise_the_interval_holds_what_rounding_moves(tmp_path_factory, level, contrast):
+    """Eight bits round both levels of an edge by up to half a step, the same in every row: no bootstrap sees it. The doubt that is told
+    holds it in 97 % of drawn edges, and 1.3 of it, with what the spline adds, in all that were tried."""
+    folder = tmp_path_factory.mktemp("rounded")
+    picture = level * (0.4 + contrast * (slanted(5.0, noise=0.0) - 0.4))
+    found = measure(saved(folder / "a.png", picture), Asked(edges=(ALL,)))["edges"][0]
+    assert abs(found["mtf50"] / FIFTY - 1) <= 1.3 * found["rounding"] + 2e-3
+    assert found["mtf50_high"] / found["mtf50"] - 1 >= 0.99 * found["rounding"]
+    finer = measure(saved(folder / "a.tif", picture), Asked(edges=(ALL,)))["edges"][0]
+    assert finer["rounding"] < 0.01 * found["rounding"]  # 16 bits have 256 times as many numbers
+
+
 @settings(max_examples=4)
 @given(gain=st.floats(0.2, 1.4), turns=st.integers(0, 3))
 def test_brightness_and_quarter_turns_change_no_mtf(tmp_path_factory, gain, turns):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import RequestError
+from etendue.physics.electronics.rounding import lasting_error
 from etendue.physics.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
 from etendue.physics.resolution.edge_shape import EdgeShape, edge_shape
 from etendue.physics.resolution.slanted_edge import SMALLEST
@@ -23,6 +24,7 @@ ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
 STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
+TILTED = 1.7  # errors of MTF50, of what both levels are wrong by: the largest of edges of 4 contrasts and 3 widths, 8 bits, no noise
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 HIDDEN = "its step is lost in noise"
 KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
@@ -104,15 +106,35 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     top, bottom, left, right = found.window
     inner = Window(place.x + left, place.y + top, right - left, bottom - top)
     response = found.response
+    doubt = _rounding(photograph, image if sites is None else image[sites], found)
+    ends = {f"{name}{end}": _wider(getattr(found, name), getattr(found, f"{name}{end}"), doubt)
+            for name in ("mtf50", "mtf10") for end in ("_low", "_high")}  # fmt: skip
     return {
         "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
         "bend": None if shape is None else shape.bend,
-        "mtf50": found.mtf50, "mtf50_low": found.mtf50_low, "mtf50_high": found.mtf50_high,
-        "mtf10": found.mtf10, "mtf10_low": found.mtf10_low, "mtf10_high": found.mtf10_high,
+        "mtf50": found.mtf50, "mtf10": found.mtf10, **ends, "rounding": doubt,
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
     }  # fmt: skip
+
+
+def _rounding(photograph: Photograph, values: Any, found: EdgeResolution) -> float:
+    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step."""
+    low, high = (float(v) for v in np.percentile(values, (5, 95)))
+    steps = [photograph.step(low), photograph.step(high)]
+    if photograph.lossy or not found.snr > 0:
+        noise = 0.0
+    else:
+        noise = math.sqrt(max(0.0, ((high - low) / found.snr) ** 2 - max(steps) ** 2 / 12))  # without that of rounding
+    return TILTED * sum(lasting_error(step, noise) for step in steps) / max(high - low, 1e-300)
+
+
+def _wider(value: float, end: float, doubt: float) -> float:
+    """An end of an interval, with a further doubt of the value (of it) that has nothing to do with what made the interval."""
+    if not (math.isfinite(value) and math.isfinite(end)):
+        return end
+    return value + math.copysign(math.hypot(end - value, doubt * value), end - value)
 
 
 def _said(why: str, seen: bool, image: Any) -> str:

@@ -27,6 +27,9 @@ MOST_PIXELS = 160_000_000  # Pillow opens no more than 179 million
 INSTALL = "pip install 'etendue[raw]'"
 LINEARISED: dict[str, Any] = {"sRGB": transfer.srgb_decode, "BT.709": transfer.bt709_decode, "linear": lambda values: values}
 
+ENCODED: dict[str, Any] = {"sRGB": transfer.srgb_encode, "BT.709": transfer.bt709_encode, "linear": lambda values: values}
+LOSSY = (".jpg", ".jpeg", ".mpo")
+
 
 @dataclass(frozen=True)
 class Photograph:
@@ -96,6 +99,22 @@ class Photograph:
         if not self.is_raw or self.names == ("grey",):
             return None
         return self.colours[cut] == channel[0].upper()
+
+    def step(self, level: float) -> float:
+        """Between neighbouring numbers of the file in linear light, about a level of it; 0 where numbers are no whole ones."""
+        if self.is_raw:
+            return 1 / self.full
+        if self.values.dtype.kind == "f":
+            return 0.0
+        each = 0.5 / self.full
+        encoded = float(np.clip(ENCODED[self.encoding](np.array(level)), each, 1 - each))
+        below, above = LINEARISED[self.encoding](np.array([encoded - each, encoded + each]))
+        return float(above - below)
+
+    @property
+    def lossy(self) -> bool:
+        """Whether noise has been rounded away before it could spread the rounding of the picture."""
+        return self.path.suffix.lower() in LOSSY
 
     def planes(self, cut: Any = np.s_[:]) -> Any:
         """All channels in linear light, (channel, y, x)."""
