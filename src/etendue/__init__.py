@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from etendue.archive.places import open_archive
+    from etendue.composing.archives import Archive
     from etendue.composing.pipeline import Pipeline, span
     from etendue.plots.accessor import show
     from etendue.session import simulate
     from etendue.spec.pipeline import read_pipeline
 
-__all__ = ["Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
+__all__ = ["Archive", "Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
 
 _PLACES = {
+    "Archive": "etendue.composing.archives",
     "Pipeline": "etendue.composing.pipeline",
     "show": "etendue.plots.accessor",
     "span": "etendue.composing.pipeline",

@@ -1,0 +1,166 @@
+"""An archive in Python: what the commands of the same names do with one.
+
+In:  a folder, or the URL of an object store.
+Out: trees, plots, files, documents as ``--json`` prints them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from etendue.archive import places
+from etendue.plots import glance_page
+from etendue.plots.accessor import TreeAccessor
+from etendue.plots.glance import glance
+from etendue.session import Options, check_scheduler
+
+if TYPE_CHECKING:
+    import xarray
+
+    from etendue.plots.accessor import Plots
+    from etendue.plots.plot import Plot
+
+Words = str | Iterable[str]
+
+
+class Archive:
+    """The archive of a run, at a glance in a notebook, also while a run is writing to it.
+
+    Parameters
+    ----------
+    place : folder, or URL of an object store such as s3://bucket/name
+
+    Raises
+    ------
+    ArchiveError
+        There is none.
+
+    Examples
+    --------
+    >>> archive = etendue.Archive("small")  # doctest: +SKIP
+    >>> archive.plot.map("mean_snr")  # doctest: +SKIP
+    >>> archive.report("small.html")  # doctest: +SKIP
+    """
+
+    def __init__(self, place: str | Path) -> None:
+        self.place = place if places.is_url(place) else Path(place)
+        places.open_archive(self.place).close()
+
+    @property
+    def tree(self) -> xarray.DataTree:
+        """What is stored, lazily: what is finished by now."""
+        return places.open_archive(self.place)
+
+    @property
+    def plot(self) -> Plots:
+        """``plot()``, ``plot.map(...)``, ``plot.curves(...)``, ``plot.pareto(...)``: as ``etendue plot``."""
+        return TreeAccessor(self.tree).plot
+
+    def show(self, variable: str = "", **at: Any) -> Plot:
+        """One picture of one cell, upright."""
+        return TreeAccessor(self.tree).show(variable, **at)
+
+    def report(self, output: str | Path | None = None, *, blame: bool = False) -> Path:
+        """One page to read and send on; ``blame``: also what each stage is owed of what the camera loses, computed now.
+
+        Gives the file that was written; an older one is replaced.
+        """
+        from etendue.page.report import report
+        from etendue.studies.archive_losses import losses_at
+
+        with places.reading(self.place) as folder:
+            to = Path(output) if output is not None else Path(f"{folder.resolve().name}-report.html")
+            return report(folder, to, losses_at if blame else None).path
+
+    def export(
+        self, kind: str = "png", output: str | Path | None = None, *, variables: Words = (), stage: str = "", everything: bool = False,
+        force: bool = False, **at: Any,
+    ) -> list[Path]:  # fmt: skip
+        """Pictures as files for other programs.
+
+        Parameters
+        ----------
+        kind : "png", "tiff" or "dng"
+        output : a folder, or the file for one picture; ./ARCHIVE-export where none is given
+        variables : what PNG and TIFF files show; display values and raw numbers where none is given
+        stage : take them from this one
+        everything : also more than 64 files
+        force : write over files that exist
+        at : values of axes; of an axis that is not named all
+
+        Returns
+        -------
+        list of Path
+            The files; cells that failed have none.
+
+        Raises
+        ------
+        RequestError
+            A kind, variable or value that there is not.
+        """
+        from etendue.errors import RequestError, nearest
+        from etendue.export.command import SUFFIXES, Request, export
+
+        if kind not in SUFFIXES:
+            raise RequestError(f"{kind!r} is no kind of file{nearest(kind, SUFFIXES)}")
+        names = (variables,) if isinstance(variables, str) else tuple(variables)
+        where = tuple(f"{axis}={value}" for axis, value in at.items())
+        to = Path(output) if output is not None else None
+        with places.reading(self.place) as folder:
+            done = export(Request(folder, **{kind: True}, variables=names, at=where, stage=stage, output=to, all=everything, force=force))
+        return done.files
+
+    def verify(self) -> dict[str, Any]:
+        """Whether every byte is as it was written, and what is not: what ``etendue verify --json`` prints."""
+        from etendue.archive.verify import document, verify
+
+        with places.reading(self.place, exact=True) as folder:
+            found: dict[str, Any] = places.named(document(verify(folder)), folder, self.place)
+        return found
+
+    def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
+        """Compute every cell again from the archive alone and compare: what ``etendue reproduce --json`` prints."""
+        from etendue.studies.reproducing import document, reproduce
+
+        with places.reading(self.place) as folder:
+            found: dict[str, Any] = places.named(
+                document(reproduce(folder, Options(check_scheduler(scheduler), workers))), folder, self.place
+            )
+        return found
+
+    def diff(self, other: Archive | str | Path) -> dict[str, Any]:
+        """Which cells differ from those of another archive, by how much, and why: what ``etendue diff --json`` prints."""
+        from etendue.archive.differences import differences, document
+
+        place = other.place if isinstance(other, Archive) else other
+        with places.reading(self.place, inputs=False) as a, places.reading(place, inputs=False) as b:
+            found: dict[str, Any] = places.named(places.named(document(a, b, differences(a, b)), a, self.place), b, place)
+        return found
+
+    def view(self, height: int = 900) -> Any:
+        """A widget with every pixel, sliders and profiles, for notebooks; needs ``pip install 'etendue[view]'``.
+
+        Raises
+        ------
+        RequestError
+            The archive is at an object store, which the command ``etendue view`` fetches.
+        """
+        from etendue.errors import RequestError
+        from etendue.page.notebook import view
+
+        if places.is_url(self.place):
+            raise RequestError(
+                f"{self.place}: a widget shows an archive in a folder; of an object store there is: etendue view {self.place}"
+            )
+        return view(self.place, height)
+
+    def __repr__(self) -> str:
+        return glance_page.text(glance(self.tree))
+
+    def _repr_html_(self) -> str:
+        return glance_page.page(glance(self.tree))
+
+
+__all__ = ["Archive"]
