@@ -16,7 +16,7 @@ from etendue.errors import Fault, PluginError, RequestError
 from etendue.plan import asking, cost, omissions
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
-from etendue.plan.fields import notes_on_cropping
+from etendue.plan.fields import notes_on_the_scene
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.plan.strips import peak_memory
@@ -66,8 +66,8 @@ def make_plan(
         raise RequestError(pipeline.located(error.faults), error.file) from None
     kept = resolve_keep(graph.nodes, graph.keep)
     try:
-        cropped = notes_on_cropping(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
-        warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *cropped)
+        sampled = notes_on_the_scene(graph.nodes, cells, {axis.dim: axis for axis in graph.axes})
+        warnings = (*_warnings(graph.nodes, cells, pipeline.tolerance), *sampled)
     except RequestError as error:
         raise RequestError(pipeline.located(error.faults), pipeline.file) from None
     plan = Plan(

@@ -74,7 +74,7 @@ class DynamicRange(NoiseFloor):
 
 @dataclass(frozen=True, kw_only=True)
 class ExposureReport(GainChain):
-    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected charge.
+    """How the frame is exposed: share of clipped and of black pixels, mean signal-to-noise ratio of the expected charge, 0 where clipped.
 
     Clipped is what stands at the top code, and what expects more charge than the well holds: read noise behind a full well, or
     a well that ends below the top code, leaves no trace in the codes.
@@ -95,6 +95,8 @@ class ExposureReport(GainChain):
         variance = expected_charge + expected_charge.dtype.type(sigma**2 + self.dsnu**2)
         snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
         clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())
+        if clipped.any():  # such a pixel says nothing of how much light there was
+            snr[clipped] = 0
         return {
             "clipped_fraction": np.array(np.count_nonzero(clipped) / raw.size),
             "black_fraction": np.array(np.count_nonzero(raw <= self.black_level) / raw.size),
