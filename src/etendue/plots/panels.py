@@ -62,7 +62,7 @@ def map_of_numbers(values: Any, sides: Sides, title: str, unit: str = "", digits
         Where the values have another shape than the sides.
     """
     from matplotlib.cm import ScalarMappable
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter
 
     values = _checked(values, sides)
     figure, panels, room = _panels(sides, title)
@@ -85,9 +85,9 @@ def map_of_numbers(values: Any, sides: Sides, title: str, unit: str = "", digits
     if np.isfinite(values).any() and high > low:
         bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, fraction=0.05, pad=0.02, aspect=25)
         bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
-        bar.ax.yaxis.set_minor_formatter(
-            NullFormatter() if high / max(low, 1e-300) > 100 else FuncFormatter(lambda value, _: f"{value:.3g}")
-        )
+        span = high / max(low, 1e-300)
+        shown = "" if span > 100 else "25" if span > 4 else "23456789"  # of each decade, where the scale is logarithmic
+        bar.ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else ""))
         bar.ax.tick_params(which="both", labelsize=7)
         bar.set_label(unit, fontsize=8)
     _explain(figure, failed, values, there)
