@@ -86,6 +86,39 @@ def test_its_cells_have_the_keys_of_the_cells_that_stand_there(archive):
         assert plan.cells[cell.ref].key == str(one.key.values)
 
 
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    """A parameter that stands before the axis that chooses its stage, and which one of the two stages lacks."""
+    text = PIPELINE.split("f_number = [2")[0]
+    text += """
+diffraction.obstruction = [0.1, 0.6]
+diffraction.use = [
+    "diffraction",
+    { use = "wavefront", aperture = "annular", label = "annular" },
+    { use = "wavefront", aperture = "annular", defocus = 0.1, label = "out of focus" },
+]
+"""
+    folder = tmp_path_factory.mktemp("swapped") / "swapped"
+    execute(make_plan(parse_pipeline(text.replace("[camera]", "[camera]\nf_number = 4")), installed_stages()), folder, Options("serial"))
+    return folder
+
+
+def test_a_swept_parameter_before_the_axis_that_chooses_its_stage_stays(swapped):
+    ledger = xarray.open_dataset(swapped / "data.zarr", engine="zarr", group="ledger").load()
+    own = ledger.isel(cell=ledger.stage.values.astype(object) == "diffraction")
+    assert len(set(own.key.values.tolist())) >= 5
+    for row in range(own.sizes["cell"]):
+        one = own.isel(cell=row)
+        plan = make_plan(
+            camera_at(
+                swapped, {"diffraction_obstruction": float(one.at_diffraction_obstruction), "diffraction": str(one.at_diffraction.values)}
+            ),
+            installed_stages(),
+        )
+        (cell,) = plan.of("diffraction")
+        assert plan.cells[cell.ref].key == str(one.key.values)
+
+
 def test_losses_are_those_of_that_camera(archive):
     at = {"f_number": 8.0, "sharpen_strength": 0.3, "demosaic": "difference"}
     found = losses_at(archive, at, runs=0)

@@ -18,6 +18,7 @@ from etendue.plan.sensors import SENSOR
 from etendue.registry import installed_stages
 from etendue.spec import toml
 from etendue.spec.pipeline import Pipeline, parse_pipeline
+from etendue.spec.stage import parameters_of
 from etendue.studies.files import finite
 from etendue.studies.losses import RUNS, losses
 
@@ -47,7 +48,8 @@ def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:
     run = recorded(folder)
     document, axes = tomllib.loads(run.text), run.record["axes"]
     swept = _flat(document.pop("sweep", {}))
-    for key, written in swept.items():
+    for key in sorted(swept, key=lambda key: not _chooses(key)):
+        written = swept[key]
         dim = key.removesuffix(".use").replace(".", "_")
         values = list(axes.get(key, ()))
         value = at.get(dim, values[0] if values else None)
@@ -69,6 +71,11 @@ def _flat(table: Mapping[str, Any], front: str = "") -> dict[str, Any]:
     return found
 
 
+def _chooses(key: str) -> bool:
+    """Whether an axis chooses a stage or a sensor: what the others set is of that one."""
+    return key == SENSOR or key.endswith(".use")
+
+
 def _set(document: dict[str, Any], key: str, item: Any) -> None:
     """One value of an axis in the place where a pipeline file says it."""
     stage, _, name = key.rpartition(".")
@@ -80,12 +87,19 @@ def _set(document: dict[str, Any], key: str, item: Any) -> None:
         if table.get("name", table["use"]) == stage:
             if name == "use":
                 place = {"name": stage, **({"from": table["from"]} if "from" in table else {})}
-                own = dict(item) if isinstance(item, Mapping) else {"use": item, **_parameters(table, item)}
+                own = dict(item) if isinstance(item, Mapping) else {"use": item}
+                own = {**_parameters(table, own["use"]), **own}
                 own.pop("label", None)
                 table.clear()
                 table.update(copy.deepcopy({**own, **place}))
-            else:
+            elif _takes(str(table["use"]), name):
                 table[name] = item
+
+
+def _takes(use: str, parameter: str) -> bool:
+    """Whether a stage has a parameter: of those that an axis chooses among some may not."""
+    stages = installed_stages()
+    return use not in stages or parameter in parameters_of(stages.load(use))
 
 
 def _parameters(table: Mapping[str, Any], use: Any) -> dict[str, Any]:
