@@ -9,6 +9,7 @@ import pytest
 import xarray
 
 import etendue
+from etendue.errors import ArchiveError
 from etendue.plan.planner import make_plan
 from etendue.plots.glance import glance
 from etendue.registry import installed_stages
@@ -181,6 +182,23 @@ def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_
             path.write_bytes(b"\0" * path.stat().st_size)
     html = tree.etendue._repr_html_()
     assert "cannot be read" in html and "MTF" not in html.split("Figures")[-1].split("Look further")[0]
+
+
+@pytest.mark.parametrize("lost", ["encode", "exposure_report/f_number", "ledger/status/c", "zarr.json"])
+def test_an_archive_that_lost_a_part_is_damaged_and_says_what_mends_it(archive, tmp_path, lost):
+    folder = tmp_path / "damaged"
+    shutil.copytree(archive, folder)
+    whole = etendue.open_archive(folder)
+    path = folder / "data.zarr" / lost
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    trees = [whole] if lost == "zarr.json" else [whole, xarray.open_datatree(folder / "data.zarr", engine="zarr")]
+    for tree in trees:
+        seen, html, text = glance(tree), tree.etendue._repr_html_(), repr(tree.etendue)
+        assert seen.state == "damaged" and seen.axes == [] and seen.commands[0][0].endswith("damaged --repair")
+        assert all("etendue verify" in shown and "damaged" in shown and "complete" not in shown for shown in (html, text))
+        assert "plotted" in text and "0 cells" not in html + text
+    with pytest.raises(ArchiveError, match=f"{lost.split('/')[0]}.*etendue verify .* --repair"):
+        etendue.open_archive(folder).load()
 
 
 def test_a_tree_of_nobody_is_named_as_it_is():

@@ -13,7 +13,7 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Read, read
-from etendue.archive.manifest import read_manifest
+from etendue.archive.manifest import NAME, read_manifest
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.stored import Stored
@@ -25,6 +25,22 @@ def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
     return ArchiveError(
         f"{folder / paths[0]}{more} is missing, or not as it was written: the archive is damaged. Mend it: etendue verify {folder} --repair"
     )
+
+
+def refuse_changed(folder: Path, running: bool) -> None:
+    """Hold what is no chunk of a cell against the manifest: metadata, coordinates, tables, records. The journal is not read.
+
+    Raises
+    ------
+    ArchiveError
+        Something of it is missing, or not as it was written.
+    """
+    manifest = read_manifest(folder) if not running else None
+    changed = manifest.changed(folder) if manifest else []
+    if manifest is None and not running and (folder / NAME).exists():
+        changed = [NAME]
+    if changed and not is_running(folder):  # a run may have begun since
+        raise _damaged(folder, changed)
 
 
 def describe_archive(folder: Path) -> dict[str, Any]:
@@ -41,11 +57,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
         raise ArchiveError(f"{folder} is not an archive of etendue (no data.zarr with a run record in it)")
     listing = disk.Listing(folder)
     running = is_running(folder)
-    changed = manifest.changed(folder) if manifest and not running else []
-    if (folder / "manifest.json").exists() and manifest is None and not running:
-        changed = ["manifest.json"]
-    if changed:
-        raise _damaged(folder, changed)
+    refuse_changed(folder, running)
     record = latest_record(folder)
     if record is None:
         if running:

@@ -4,13 +4,15 @@ In:  the folder of an archive, finished, interrupted or being written.
 Out: a Zarr store to read from, and the tree of it. Nothing is written.
 
 A shard is made up, when somebody reads of it, from the chunks that the journal calls done, wherever they lie; so is ``status``. A chunk
-that is lost, or is not as it was written, is an error and no fill value. Where a run was broken off while arrays grew, axes are those
-of the journal; tables are those of a run that has ended, and not there before.
+that is lost, or is not as it was written, is an error and no fill value; so are coordinates and tables that differ from the manifest.
+Where a run was broken off while arrays grew, axes are those of the journal; tables are those of a run that has ended, and not there
+before.
 """
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -28,7 +30,7 @@ from zarr.storage import LocalStore, WrapperStore
 from etendue.archive import disk, reading
 from etendue.archive.chunks import decode
 from etendue.archive.layout import STATUS
-from etendue.archive.manifest import DATA, read_manifest
+from etendue.archive.manifest import DATA, digest_of, read_manifest
 from etendue.archive.naming import cell_label
 from etendue.archive.owner import is_running
 from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
@@ -54,6 +56,7 @@ def open_archive(folder: str | Path) -> xarray.DataTree:
     folder = Path(folder)
     store = VouchedStore.of(reading.open_archive(folder))
     if store.root is None:
+        store.hold(f"{DATA}/{ROOT}", None)
         raise ArchiveError(f"{folder}: nothing of it can be read yet; its run has only begun")
     tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
     tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray says it of a path
@@ -73,7 +76,8 @@ class VouchedStore(WrapperStore[LocalStore]):
         super().__init__(store)
         self.folder, self.archive = folder, archive
         self.root = disk.read_document(folder / DATA / ROOT)
-        self.whole = read_manifest(folder) is not None and "consolidated_metadata" in (self.root or {})
+        self.manifest = read_manifest(folder)
+        self.whole = self.manifest is not None and "consolidated_metadata" in (self.root or {})
         self.small: dict[str, Mapping[str, bytes]] = {}
 
     @classmethod
@@ -96,7 +100,9 @@ class VouchedStore(WrapperStore[LocalStore]):
         else:
             own = await asyncio.to_thread(self._made, key)
             if own is None:
-                return await self._store.get(key, prototype, byte_range)
+                read = await self._store.get(key, prototype, byte_range)
+                await asyncio.to_thread(self.hold, f"{DATA}/{key}", read, byte_range is None)
+                return read
             data = _cut(own, byte_range)
         return None if data is None else prototype.buffer.from_bytes(data)
 
@@ -136,6 +142,18 @@ class VouchedStore(WrapperStore[LocalStore]):
 
     def _hidden(self, key: str) -> bool:
         return not self.whole and key.split("/")[0] in TABLES
+
+    def hold(self, path: str, read: Buffer | None, entire: bool = True) -> None:
+        """Metadata, coordinates and tables of a run that has ended, held against its manifest."""
+        known = self.manifest.metadata.get(path) if self.manifest else None
+        if known is None or (read is not None and (not entire or hashlib.sha256(read.to_bytes()).hexdigest() == known)):
+            return
+        now = read_manifest(self.folder)  # None: another run has begun, and what it changes is its own
+        if now is not None and digest_of(self.folder / path) != now.metadata.get(path, ""):
+            raise ArchiveError(
+                f"{self.folder / path} is missing, or not as it was written: the archive is damaged. "
+                f"Mend it: etendue verify {self.folder} --repair"
+            )
 
     # -- chunks of cells ----------------------------------------------------------------------------------------------
 

@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 import xarray
 
+from etendue.archive.describe import refuse_changed
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import read
 from etendue.archive.manifest import DATA
+from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
-from etendue.errors import EtendueError
+from etendue.errors import ArchiveError, EtendueError
 from etendue.plots import pictures
 from etendue.plots.glance_cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
 from etendue.plots.holdings import FINISHED, Held, Holdings
@@ -99,8 +101,11 @@ class Glance:
 
 def glance(tree: xarray.DataTree | xarray.Dataset) -> Glance:
     """All that is seen first; what cannot be read is a note."""
-    holdings = Holdings(tree)
     place, folder = place_of(tree)
+    if folder and (why := _damage(folder)):
+        mend = [(f"etendue verify {place} --repair", "computes what is lost, and nothing else")]
+        return Glance(_named(tree, folder), place, "damaged", 0, {}, [], "", [], [], [], [], mend, [why])
+    holdings = Holdings(tree)
     whole = isinstance(tree, xarray.DataTree) and tree.parent is None
     ledger = holdings.table("ledger") if whole else None
     journal = read(folder / JOURNAL) if folder and whole and ledger is None else None
@@ -138,6 +143,22 @@ def place_of(tree: xarray.DataTree | xarray.Dataset) -> tuple[str, Path | None]:
         return "", None
     near = os.path.relpath(folder)
     return shlex.quote(str(folder) if near.startswith("..") else near), folder
+
+
+def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path) -> str:
+    """The name of a pipeline, of which the metadata of the store may be lost."""
+    own = tree.attrs.get("etendue", {})
+    said = own.get("pipeline") if isinstance(own, Mapping) else ""
+    return str(said or (latest_record(folder) or {}).get("pipeline", ""))
+
+
+def _damage(folder: Path) -> str:
+    """What of an archive is not as it was written, chunks of cells aside, and how to mend it; '' where all is."""
+    try:
+        refuse_changed(folder, is_running(folder))
+    except ArchiveError as error:
+        return str(error)
+    return ""
 
 
 # -- one cell -------------------------------------------------------------------------------------------------------------

@@ -36,18 +36,20 @@ def text(one: Glance) -> str:
     """A line or two."""
     axes = " × ".join(f"{number} {name}" for name, _, number in one.axes)
     where = f"in {one.place}" if one.place else "in memory"
-    said = f"<etendue {printable(one.name)}: {_stages(one)}, {_cells(one)}{'; ' + axes if axes else ''}; {one.state}; {where}>"
-    return "\n".join([said, *(f"  failed: {_where(row)}" for row in one.failed[:MOST_ROWS]), *_more(one.failed)])
+    there = [f"{_stages(one)}, {_cells(one)}"] if one.stages else []
+    said = f"<etendue {printable(one.name)}: {'; '.join([*there, *([axes] if axes else []), one.state, where])}>"
+    notes = [f"  {printable(note)}" for note in one.notes]
+    return "\n".join([said, *notes, *(f"  failed: {_where(row)}" for row in one.failed[:MOST_ROWS]), *_more(one.failed)])
 
 
 def page(one: Glance, run: str = "") -> str:
     """The HTML. ``run``: what a run has done just now."""
-    bad = bool(one.counts.get("failed"))
+    bad = bool(one.counts.get("failed")) or one.state == "damaged"
     head = (
         f'<div><b style="font-size:1.15em">{safe(one.name)}</b> &nbsp;<span{_style(f"color:{RED};font-weight:600") if bad else ""}>'
         f"{safe(one.state)}</span></div>"
     )
-    facts = [_stages(one), _cells(one), one.place or "in memory", *([run] if run else [])]
+    facts = [*([_stages(one), _cells(one)] if one.stages else []), one.place or "in memory", *([run] if run else [])]
     parts = [head, f"<div{_style(SOFT)}>{' · '.join(map(safe, facts))}</div>"]
     if one.failed:
         lost = [(stage, where or "–", message or "the ledger says it when the run has ended") for stage, where, message in one.failed]
