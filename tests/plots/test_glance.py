@@ -201,6 +201,29 @@ def test_an_archive_that_lost_a_part_is_damaged_and_says_what_mends_it(archive, 
         etendue.open_archive(folder).load()
 
 
+def test_a_ledger_that_cannot_be_read_or_has_lost_rows_is_said_to_be_so(archive, tmp_path):
+    folder = tmp_path / "elsewhere"  # a store alone, as it is fetched from elsewhere: without manifest and journal
+    shutil.copytree(archive / "data.zarr", folder)
+    (chunk,) = (folder / "ledger/status/c").iterdir()
+    chunk.write_bytes(b"no chunk of any codec")
+    tree = xarray.open_datatree(folder, engine="zarr")
+    seen = glance(tree)
+    assert any("ledger cannot be read" in note for note in seen.notes) and seen.axes and seen.figures
+    assert "ledger cannot be read" in repr(tree.etendue) and "ledger cannot be read" in tree.etendue._repr_html_()
+    chunk.unlink()
+    seen = glance(tree := xarray.open_datatree(folder, engine="zarr"))
+    assert seen.counts == {"unknown": seen.cells} and seen.cells > 0
+    assert seen.state == f"damaged: of {seen.cells} cells the ledger says nothing"
+    assert "complete" not in repr(tree.etendue)
+
+
+def test_a_run_whose_archive_is_damaged_since_says_so(tmp_path):
+    outcome = execute(make_plan(parse_pipeline(SMALL), installed_stages()), tmp_path / "run", Options("serial"))
+    assert "; complete; " in repr(outcome)
+    shutil.rmtree(tmp_path / "run/data.zarr/ledger")
+    assert all("etendue verify" in shown and "cells computed" in shown for shown in (repr(outcome), outcome._repr_html_()))
+
+
 def test_a_tree_of_nobody_is_named_as_it_is():
     tree = xarray.DataTree(xarray.Dataset({"a": ("x", [1.0, 2.0])}), name="odd")
     tree.attrs["pipeline"] = HOSTILE

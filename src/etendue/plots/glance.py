@@ -39,6 +39,7 @@ MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # cells of a figure, up to which its least and most are read
 LARGEST = 16 * 2**20  # numbers of an array that is made small for its picture
 SAMPLES = 256  # along a side, of which a small picture is made
+UNREADABLE = (EtendueError, OSError, ValueError, KeyError, RuntimeError)  # what xarray, zarr and its codecs say of bytes that are damaged
 
 
 @dataclass(frozen=True)
@@ -102,20 +103,29 @@ class Glance:
 def glance(tree: xarray.DataTree | xarray.Dataset) -> Glance:
     """All that is seen first; what cannot be read is a note."""
     place, folder = place_of(tree)
-    if folder and (why := _damage(folder)):
-        mend = [(f"etendue verify {place} --repair", "computes what is lost, and nothing else")]
-        return Glance(_named(tree, folder), place, "damaged", 0, {}, [], "", [], [], [], [], mend, [why])
+    why = _damage(folder) if folder else ""
+    if not why:
+        try:
+            return _whole(tree, place, folder)
+        except UNREADABLE as error:
+            why = f"it cannot be read: {error}"
+    mend = [(f"etendue verify {place} --repair", "computes what is lost, and nothing else")] if folder else []
+    return Glance(_named(tree, folder), place, "damaged", 0, {}, [], "", [], [], [], [], mend, [why])
+
+
+def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | None) -> Glance:
+    """A glance at what is as it was written, single arrays aside."""
     holdings = Holdings(tree)
-    whole = isinstance(tree, xarray.DataTree) and tree.parent is None
-    ledger = holdings.table("ledger") if whole else None
-    journal = read(folder / JOURNAL) if folder and whole and ledger is None else None
     notes: list[str] = []
+    whole = isinstance(tree, xarray.DataTree) and tree.parent is None
+    ledger = _ledger(holdings, notes) if whole else None
+    journal = read(folder / JOURNAL) if folder and whole and ledger is None else None
     at = _cell(holdings)
     found: dict[str, list[Any]] = {}
     for what, make in (("figures", lambda: _figures(holdings, at)), ("pictures", lambda: _pictures(holdings, at))):
         try:
             found[what] = make()
-        except (EtendueError, OSError) as error:
+        except UNREADABLE as error:
             found[what] = []
             notes.append(f"{what} cannot be read: {error}")
     units = {dim: next(one.units_of(dim) for one in holdings if dim in one.axes) for dim in holdings.axes}
@@ -145,11 +155,22 @@ def place_of(tree: xarray.DataTree | xarray.Dataset) -> tuple[str, Path | None]:
     return shlex.quote(str(folder) if near.startswith("..") else near), folder
 
 
-def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path) -> str:
+def _ledger(holdings: Holdings, notes: list[str]) -> xarray.Dataset | None:
+    """The ledger, read at once; None and a note where it cannot be."""
+    try:
+        ledger = holdings.table("ledger")
+        return ledger.load() if ledger is not None else None
+    except UNREADABLE as error:
+        notes.append(f"the ledger cannot be read: {error}")
+        return None
+
+
+def _named(tree: xarray.DataTree | xarray.Dataset, folder: Path | None) -> str:
     """The name of a pipeline, of which the metadata of the store may be lost."""
     own = tree.attrs.get("etendue", {})
     said = own.get("pipeline") if isinstance(own, Mapping) else ""
-    return str(said or (latest_record(folder) or {}).get("pipeline", ""))
+    record = (latest_record(folder) or {}) if folder else {}
+    return str(said or record.get("pipeline", "") or getattr(tree, "name", "") or "")
 
 
 def _damage(folder: Path) -> str:

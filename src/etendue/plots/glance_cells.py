@@ -25,10 +25,14 @@ from etendue.plots.holdings import Holdings
 from etendue.plots.labels import places_text
 from etendue.report.terminal import human_rate, human_seconds
 
+UNKNOWN = "unknown"  # of a cell whose row of the ledger is lost: a fill value
+
 
 def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str, int]) -> str:
     lost = counts.get("failed", 0)
     ended = f"{lost} {'cell' if lost == 1 else 'cells'} failed" if lost else "complete"
+    if unknown := counts.get(UNKNOWN, 0):
+        ended = f"damaged: of {unknown} {'cell' if unknown == 1 else 'cells'} the ledger says nothing"
     if folder is None:
         return ended
     if is_running(folder):
@@ -47,7 +51,7 @@ def state_of(folder: Path | None, record: Mapping[str, Any], counts: Mapping[str
 def stages_of(holdings: Holdings, ledger: xarray.Dataset | None) -> list[str]:
     """Every stage there is, kept or not."""
     if ledger is not None:
-        return list(dict.fromkeys(map(str, ledger["stage"].values.tolist())))
+        return list(dict.fromkeys(filter(None, map(str, ledger["stage"].values.tolist()))))
     own = holdings.tree.attrs.get("etendue", {})
     said = own.get("stages") if isinstance(own, Mapping) else None
     return list(map(str, said)) if isinstance(said, list) else list(dict.fromkeys(one.stage for one in holdings))
@@ -55,7 +59,7 @@ def stages_of(holdings: Holdings, ledger: xarray.Dataset | None) -> list[str]:
 
 def counts_of(holdings: Holdings, ledger: xarray.Dataset | None, journal: Any) -> dict[str, int]:
     if ledger is not None:
-        found = Counter("done" if one == "reused" else str(one) for one in ledger["status"].values.tolist())
+        found = Counter("done" if one == "reused" else str(one) or UNKNOWN for one in ledger["status"].values.tolist())
     elif journal is not None:
         found = Counter()
         for (_, status), number in journal.said.counts(journal.outdated).items():

@@ -44,7 +44,7 @@ def text(one: Glance) -> str:
 
 def page(one: Glance, run: str = "") -> str:
     """The HTML. ``run``: what a run has done just now."""
-    bad = bool(one.counts.get("failed")) or one.state == "damaged"
+    bad = bool(one.counts.get("failed")) or one.state.startswith("damaged")
     head = (
         f'<div><b style="font-size:1.15em">{safe(one.name)}</b> &nbsp;<span{_style(f"color:{RED};font-weight:600") if bad else ""}>'
         f"{safe(one.state)}</span></div>"

@@ -9,32 +9,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from etendue.errors import EtendueError
 from etendue.plots import glance_page
-from etendue.plots.glance import Glance, glance
+from etendue.plots.glance import UNREADABLE, Glance, glance
 from etendue.plots.opening import opened
 from etendue.report.terminal import human_seconds
+from etendue.telling import printable
 
 
 def outcome_text(outcome: Any) -> str:
-    own = _seen(outcome)
-    return f"<run of {outcome.plan.pipeline.name}: {_done(outcome)}>" + (f"\n{glance_page.text(own)}" if own else "")
+    own, why = _seen(outcome)
+    said = glance_page.text(own) if own else printable(why)
+    return f"<run of {outcome.plan.pipeline.name}: {_done(outcome)}>" + (f"\n{said}" if said else "")
 
 
 def outcome_page(outcome: Any) -> str:
-    own = _seen(outcome)
+    own, _ = _seen(outcome)
     return glance_page.page(own, f"this run: {_done(outcome)}") if own else f"<pre>{glance_page.safe(outcome_text(outcome))}</pre>"
 
 
-def _seen(outcome: Any) -> Glance | None:
-    """None of a run into an object store, whose archive is opened by who asks for it, and of an archive that is gone."""
+def _seen(outcome: Any) -> tuple[Glance | None, str]:
+    """None of a run into an object store, whose archive is opened by who asks for it, and of an archive that is gone or damaged: why."""
     tree = outcome.tree
     try:
         if tree is None and outcome.archive is not None and "://" not in str(outcome.archive):
             tree = opened(Path(outcome.archive))
-        return glance(tree) if tree is not None else None
-    except EtendueError:
-        return None
+        return (glance(tree) if tree is not None else None), ""
+    except UNREADABLE as error:
+        return None, str(error)
 
 
 def _done(outcome: Any) -> str:
