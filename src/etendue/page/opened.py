@@ -133,9 +133,11 @@ class Opened:
         found = []
         for dim, known in values.items():
             key, label, units = shown.get(dim, (dim, dim, "1"))
-            given = list(self.record["axes"].get(key, ()))  # names stand as they were swept, those of earlier runs behind
-            named = [v for v in given if v in known] + [v for v in known if v not in given]
-            ordered = named if any(isinstance(v, str) for v in known) else sorted(known)
+            if any(isinstance(v, str) for v in known):  # names stand as they were swept, those of earlier runs behind
+                given = dict.fromkeys(self.record["axes"].get(key, ()))
+                ordered = [*(v for v in given if v in known), *(v for v in known if v not in given)]
+            else:
+                ordered = sorted(known)
             if ordered:
                 found.append(Axis(dim, key, label, "" if units == "1" else units, tuple(ordered)))
         return tuple(found)

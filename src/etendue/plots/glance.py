@@ -192,10 +192,11 @@ def _cell(holdings: Holdings) -> dict[str, Any]:
         return {dim: value for dim, value in said.items() if dim in holdings.axes}
     axes = holdings.axes
     middle = {dim: values[len(values) // 2] for dim, values in axes.items()}
+    off = {dim: {value: abs(place - len(values) // 2) for place, value in enumerate(values)} for dim, values in axes.items()}
     for one in [*reversed(holdings.of_kind("picture")), *reversed(list(holdings))]:
         there = _finished(one)
         if there and one.axes:
-            away = [sum(abs(axes[dim].index(v) - len(axes[dim]) // 2) for dim, v in place.items()) for place in there]
+            away = [sum(off[dim][v] for dim, v in place.items()) for place in there]
             return {**middle, **there[away.index(min(away))]}
     return middle
 
