@@ -1,17 +1,25 @@
 """The camera of an archive at one place of its sweep is the one whose cell stands there, whatever is swept."""
 
+import json
+import shlex
+
 import pytest
 import xarray
+from click.testing import CliRunner
 
+from etendue.cli.program import main
+from etendue.page.document import document
 from etendue.page.opened import Opened
 from etendue.page.report import report
 from etendue.plan.planner import make_plan
+from etendue.plots import kinds
 from etendue.plots.holdings import Holdings
 from etendue.plots.kinds import Asked, draw
 from etendue.plots.opening import opened
 from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec.pipeline import parse_pipeline
+from etendue.studies import archive_losses
 from etendue.studies.archive_losses import camera_at, losses_at
 from etendue.studies.losses import losses
 from tests.page.conftest import embedded_document
@@ -147,8 +155,32 @@ def test_a_report_and_a_budget_hold_what_was_shared_out_and_else_the_command(arc
     start = {axis.dim: axis.values[with_["start"][axis.dim]] for axis in Opened(archive).axes}
     assert asked == [start] and with_["blame"]["at"] == with_["start"]
     assert [one["what"] for one in with_["blame"]["losses"]] == ["contrast", "SNR"]
-    assert without["blame"] is None and without["losses_command"].startswith("etendue losses blamed/runs/0001.toml --set ")
+    assert without["blame"] is None and without["losses_command"] == ""  # a stage's label means nothing to --set
     plot = draw(Holdings(opened(archive)), "budget", Asked(blame=losses_at(archive, start, runs=0)))
     owed = {row[0]: row[-2] for row in plot.rows if row[-2] is not None}
     assert owed == {one["stage"]: one["share"] for one in with_["blame"]["losses"][0]["stages"]}
     assert plot.columns[-2:] == ("contrast_share", "snr_share") and plot.data("svg").count(b"win") >= 1
+
+
+def test_a_command_for_the_losses_is_offered_where_it_means_the_same_camera(archive):
+    opened = Opened(archive)
+    opened.axes = tuple(axis for axis in opened.axes if axis.dim != "demosaic")
+    words = shlex.split(document(opened, {})["losses_command"])
+    assert words[:3] == ["etendue", "losses", "blamed/runs/0001.toml"]
+    assert [word.partition("=")[0] for word in words[4::2]] == ["camera.f_number", "sharpen.strength"]
+
+
+def test_a_budget_is_blamed_where_the_report_begins_and_says_where(archive, tmp_path, monkeypatch):
+    asked = []
+
+    def shares(folder, at, told):
+        asked.append(at)
+        return {"losses": [], "notes": [], "why": "not asked for here"}
+
+    monkeypatch.setattr(archive_losses, "losses_at", shares)
+    monkeypatch.setattr(kinds, "shown_at", lambda holdings: {})  # of an archive without pictures
+    done = CliRunner().invoke(main, ["plot", str(archive), "budget", "--blame", "-o", str(tmp_path / "budget.csv"), "--json"])
+    opened = Opened(archive)
+    start = document(opened, {})["start"]
+    assert asked == [{axis.dim: axis.values[start[axis.dim]] for axis in opened.axes}] and len(asked[0]) == 3
+    assert json.loads(done.stdout)["notes"] == ["no losses at f/8, difference, sharpen strength 0.3: not asked for here"]

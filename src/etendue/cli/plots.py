@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -50,7 +51,7 @@ def plot(
     """
     from etendue.archive import places
     from etendue.plots.holdings import Holdings
-    from etendue.plots.kinds import Asked, draw, kind_of, listed, shown_at
+    from etendue.plots.kinds import Asked, draw, kind_of, listed
     from etendue.plots.opening import opened
     from etendue.plots.places import read_at
     from etendue.plots.plot import check_suffix
@@ -70,8 +71,9 @@ def plot(
         if blame and kind != "budget":
             raise click.UsageError(f"--blame is for budget, not for {kind}")
         with blaming(blame, as_json) as shares:
-            found = shares(folder, shown_at(holdings)) if shares else None
-        made = draw(holdings, kind, replace(asked, figures=figures, blame=found))
+            start = _begun_at(folder) if shares else None
+            found = shares(folder, start) if shares else None
+        made = draw(holdings, kind, replace(asked, figures=figures, blame=found, blamed_at=start))
         path = made.save(output or Path("-".join([folder.resolve().name, kind, *(name.replace(".", "-") for name in figures)]) + ".png"))
     if as_json:
         say({"file": str(path), "kind": kind, "columns": list(made.columns), "rows": [list(row) for row in made.rows], "notes": made.notes})
@@ -84,3 +86,13 @@ def plot(
 
 def _parts(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def _begun_at(folder: Path) -> dict[str, Any]:
+    """The axis values of the cell where the report of an archive begins, which is that of its contact sheet."""
+    from etendue.page.document import start_of
+    from etendue.page.opened import Opened
+
+    opened = Opened(folder)
+    start = start_of(opened)
+    return {axis.dim: axis.values[start[axis.dim]] for axis in opened.axes}

@@ -20,6 +20,7 @@ from etendue.page.figures import Coordinate, Figure, figures
 from etendue.page.looks import pictured
 from etendue.page.opened import Opened
 from etendue.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
+from etendue.plan.sensors import SENSOR
 from etendue.spec import camera
 
 FORMAT = 1
@@ -31,7 +32,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
     columns = Columns()
     table = ledger(opened)
     found, omitted = figures(opened)
-    record, pipeline, start = opened.record, _pipeline(opened), _start(opened)
+    record, pipeline, start = opened.record, _pipeline(opened), start_of(opened)
     return {
         "format": FORMAT,
         "made_by": f"etendue {importlib.metadata.version('etendue')}",
@@ -77,7 +78,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _start(opened: Opened) -> dict[str, int]:
+def start_of(opened: Opened) -> dict[str, int]:
     """Where the page begins, as the contact sheet: the camera's own value where that is said and on the axis, else the middle as given."""
     said = {*_pipeline(opened).get("camera", {}), *(key.removeprefix("camera.") for key in opened.record.get("overrides", {}))}
     start = {}
@@ -91,9 +92,12 @@ def _start(opened: Opened) -> dict[str, int]:
 
 
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
-    """What says which stage the losses are owed to, at the cell where the page begins; '' where it holds no pipeline file."""
+    """What says which stage the losses are owed to, at the cell where the page begins.
+
+    '' where it holds no pipeline file, and where stages or sensors are swept: a name along such an axis stands for a table of the sweep.
+    """
     last = sorted((opened.folder / "runs").glob("*.toml"))
-    if not last:
+    if not last or any(len(axis.values) > 1 and (axis.key == SENSOR or axis.key.endswith(".use")) for axis in opened.axes):
         return ""
     words = ["etendue", "losses", f"{opened.folder.resolve().name}/runs/{last[-1].name}"]
     for axis in opened.axes:

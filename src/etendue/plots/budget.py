@@ -91,7 +91,9 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
         _draw_loss(axes, loss)
     if second is not None and place:
         second.suptitle(f"what each stage is owed of the losses, at {place}", fontsize=10)
-    notes = [*([f"no losses: {blame['why']}"] if blame.get("why") else []), *map(str, blame["notes"])]
+    where = f" at {place}" if place else ""
+    notes = [f"no losses{where}: {blame['why']}"] if blame.get("why") else [f"losses are those of the camera{where}"] if place else []
+    notes += map(str, blame["notes"])
     return Plot(whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes)
 
 

@@ -45,6 +45,7 @@ class Asked:
     better: tuple[str, ...] = ()
     at: Mapping[str, Any] = field(default_factory=dict)
     blame: Mapping[str, Any] | None = None  # of a budget: the document of `etendue losses`
+    blamed_at: Mapping[str, Any] | None = None  # the axis values of the cell that it is of; None: of the one whose pictures there are
 
 
 def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot:
@@ -71,7 +72,8 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     if kind == "pareto":
         return pareto(holdings, first, second, asked.better, asked.at)
     if kind == "budget":
-        return budget(holdings, asked.blame, places_text(middle, {dim: one.units_of(dim) for one in holdings for dim in one.axes}))
+        place = middle if asked.blamed_at is None else asked.blamed_at
+        return budget(holdings, asked.blame, places_text(dict(place), {dim: one.units_of(dim) for one in holdings for dim in one.axes}))
     stage, _, variable = first.rpartition(".")
     return {"strip": strip, "show": show}[kind](holdings, variable, stage, asked.at)
 
