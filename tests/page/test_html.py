@@ -46,6 +46,8 @@ def test_nothing_of_an_archive_is_markup(html):
 
 def test_a_hostile_name_is_escaped_in_the_title():
     assert "<title>&lt;/title&gt;&lt;b&gt; · etendue</title>" in page({"name": "</title><b>"})
+    assert "<title>small · night · etendue</title>" in page({"name": "small", "archive": "night"})
+    assert "<title>small · etendue</title>" in page({"name": "small", "archive": "small"})
 
 
 def test_it_names_no_address_of_the_network(html):

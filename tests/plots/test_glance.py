@@ -1,8 +1,10 @@
 """What is seen first is what is there: axes, figures, cells, failures; in memory, in an archive, in one that is being written."""
 
 import fcntl
+import math
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
@@ -11,7 +13,7 @@ import xarray
 import etendue
 from etendue.errors import ArchiveError
 from etendue.plan.planner import make_plan
-from etendue.plots.glance import glance
+from etendue.plots.glance import Figure, glance
 from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec.pipeline import parse_pipeline
@@ -215,6 +217,12 @@ def test_a_ledger_that_cannot_be_read_or_has_lost_rows_is_said_to_be_so(archive,
     assert seen.counts == {"unknown": seen.cells} and seen.cells > 0
     assert seen.state == f"damaged: of {seen.cells} cells the ledger says nothing"
     assert "complete" not in repr(tree.etendue)
+
+
+def test_a_figure_that_is_constant_as_printed_is_said_once():
+    own = Figure("fit_residual", "residual", "1", 0.0073312, 0.0073311, 0.0073313)
+    assert own.spanned == "" and replace(own, value=math.nan).spanned == "0.007331"
+    assert replace(own, most=0.00735).spanned == "0.007331 … 0.00735"
 
 
 def test_a_run_whose_archive_is_damaged_since_says_so(tmp_path):

@@ -61,3 +61,12 @@ def test_numbers_are_drawn_where_they_are_known(tmp_path):
 def test_what_does_not_fit_is_refused(call, text):
     with pytest.raises(ValueError, match=text):
         call()
+
+
+def test_one_number_alone_is_read_on_its_colour():
+    figure = map_of_numbers([[[21.0]]], Sides(x=[""], y=[""], panels=[""]), "one")
+    (panel,) = figure.axes
+    (number,) = panel.texts
+    (picture,) = panel.images
+    behind = picture.to_rgba(np.array([[21.0]]))[0, 0, :3]
+    assert number.get_text() == "21" and abs(np.mean(to_rgb(number.get_color())) - behind.mean()) > 0.5

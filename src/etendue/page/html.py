@@ -40,9 +40,10 @@ def page(document: Mapping[str, Any], live: bool = False) -> str:
             "connect-src 'self'" if live else "connect-src 'none'", "base-uri 'none'", "form-action 'none'",
         ]
     )  # fmt: skip
+    names = dict.fromkeys([str(document["name"]), str(document.get("archive", document["name"]))])  # of the pipeline, of the folder
     parts = {
         "policy": policy,
-        "title": html.escape(f"{document['name']} · etendue"),
+        "title": html.escape(" · ".join([*names, "etendue"])),
         "style": style,
         "document": embedded(document),
         "script": script,

@@ -59,10 +59,10 @@ class Figure:
 
     @property
     def spanned(self) -> str:
-        """Least and most over the sweep, '' where they are not known or are that of the cell."""
-        ends = [self.least] if self.least == self.most else [self.least, self.most]
+        """Least and most over the sweep, as they are printed; '' where they are not known or are that of the cell."""
+        ends = list(dict.fromkeys(f"{end:.4g}" for end in (self.least, self.most)))
         known = math.isfinite(self.least) and (len(ends) > 1 or not math.isfinite(self.value))
-        return f"{' … '.join(f'{end:.4g}' for end in ends)} {unit_text(self.units)}".strip() if known else ""
+        return f"{' … '.join(ends)} {unit_text(self.units)}".strip() if known else ""
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,6 @@ def _seen(outcome: Any) -> tuple[Glance | None, str]:
 
 
 def _done(outcome: Any) -> str:
-    parts = [f"{outcome.computed} cells computed", f"{len(outcome.reused)} reused"]
+    parts = [f"{outcome.computed} {'cell' if outcome.computed == 1 else 'cells'} computed", f"{len(outcome.reused)} reused"]
     parts += [f"{len(outcome.failed)} failed"] if outcome.failed else []
     return f"{', '.join(parts)}, {human_seconds(outcome.seconds)}"

@@ -138,7 +138,7 @@ def scale_of(values: Any) -> Any:
 
 
 def _is_dark(norm: Any, value: float) -> bool:
-    return bool(norm.vmax > norm.vmin) and float(norm(value)) < 0.6
+    return norm.vmax == norm.vmin or float(norm(value)) < 0.6  # one number alone has the darkest colour
 
 
 def _mark(panel: Any, row: int, column: int, text: str, colour: str, room: float) -> None:

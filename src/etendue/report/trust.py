@@ -120,7 +120,8 @@ def print_verified(document: dict[str, Any]) -> None:
         f"{document['cells']} cells, {document['chunks']} chunks, {human_bytes(document['bytes'])} in {human_seconds(document['seconds'])}"
     )
     lost = len(document["cells_lost"])
-    found = f"{len(document['damages'])} damages; {lost} {'cell' if lost == 1 else 'cells'} to be computed again"
+    places = len(document["damages"])
+    found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be computed again"
     console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
     console.print(f"read {read}{rate}")
     if not document["whole"]:
@@ -143,5 +144,5 @@ def print_repaired(document: dict[str, Any]) -> None:
     for text in document["done"][:MOST]:
         console.print(escape(text), soft_wrap=True)
     if document["repaired"]:
-        console.print(f"{document['computed']} cells computed, {document['failed']} failed")
+        console.print(f"{document['computed']} {'cell' if document['computed'] == 1 else 'cells'} computed, {document['failed']} failed")
     print_verified(document)

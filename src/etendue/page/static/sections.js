@@ -42,7 +42,7 @@ function header(doc) {
     ? `${plural(points, 'simulated exposure')}: ${doc.axes.map((axis) => `${axis.values.length} × ${axis.label}`).join(', ')}.`
     : 'One simulated exposure.';
   return el('header', {},
-    el('div', { class: 'top' }, el('p', { class: 'kind' }, doc.live ? 'etendue · live view' : 'etendue · report'), themeSwitch()),
+    el('div', { class: 'top' }, el('p', { class: 'kind' }, `${doc.live ? 'etendue · live view' : 'etendue · report'}${doc.archive === doc.name ? '' : ` · ${doc.archive}`}`), themeSwitch()),
     el('h1', {}, doc.title || doc.name), doc.description ? el('p', { class: 'about' }, doc.description) : null,
     el('p', { class: 'facts' }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (a stage at one set of values), ${seconds(spent)} of computing, begun ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}.`),
     state);
