@@ -23,7 +23,8 @@ from etendue.errors import ArchiveError
 def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
     more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
     return ArchiveError(
-        f"{folder / paths[0]}{more} is missing, or not as it was written: the archive is damaged. Mend it: etendue verify {folder} --repair"
+        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} written: "
+        f"the archive is damaged. Mend it: etendue verify {folder} --repair"
     )
 
 
