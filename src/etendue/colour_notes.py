@@ -7,6 +7,7 @@ Sources: ICC.1; ISO/IEC 15948 (PNG: gAMA, cHRM, cICP); ITU-T H.273 (code points 
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,22 @@ PRIMARIES = {1: "BT.709", 9: "Rec. 2020", 11: "DCI-P3", 12: "Display P3"}
 TRANSFERS = {1: "BT.709", 4: "gamma 2.2", 8: "linear", 13: "sRGB", 16: "PQ", 18: "HLG"}
 SRGB_XY = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 NAMES = ("Display P3", "Adobe RGB", "ProPhoto", "Rec. 2020", "Dot Gain", "Gray Gamma", "sRGB")
+SPACES = {"Adobe RGB": "Adobe RGB (1998)", "ProPhoto": "ProPhoto RGB", "Rec. 2020": "ITU-R BT.2020"}  # named otherwise in the library
 EXIF_IFD, INTEROPERABILITY, COLOUR_SPACE, ADOBE = 0x8769, 0xA005, 0xA001, 2
 
 
 def not_applied(what: str) -> str:
     return f"{what} is not applied: values are read as sRGB"
+
+
+def is_named(note: str, space: str, encoding: str) -> bool:
+    """Whether what a file says of its colours is the very space, and the curve if it names one, that its values are read as."""
+    said = re.search(r"\((.*)\) is not applied", note)
+    if said is None:
+        return False
+    primaries, _, curve = said[1].partition(", ")
+    spaces = ("sRGB", "ITU-R BT.709") if primaries == "BT.709" else (SPACES.get(primaries, primaries),)
+    return space in spaces and curve in ("", encoding)
 
 
 def colour_note(info: Any) -> str:
@@ -49,8 +61,8 @@ def exif_note(exif: Any, info: Any) -> str:
     return not_applied("its colour space (Adobe RGB)") if adobe else ""
 
 
-def png_note(path: str) -> str:
-    """Of code points, which go before a profile."""
+def png_note(path: str) -> str | None:
+    """Of code points, which go before a profile; None where the file has none."""
     with open(path, "rb") as file:
         file.seek(8)
         while len(head := file.read(8)) == 8:
@@ -64,4 +76,4 @@ def png_note(path: str) -> str:
                 words = PRIMARIES.get(primaries, f"primaries {primaries}"), TRANSFERS.get(transfer, f"curve {transfer}")
                 return not_applied(f"its colour space ({', '.join(words)})")
             file.seek(length + 4, 1)
-    return ""
+    return None

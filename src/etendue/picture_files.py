@@ -58,13 +58,13 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
         if start[4:8] == b"ftyp" and start[8:] in _ELSE:
             raise ValueError(f"{path} is {_ELSE[start[8:]]}; allowed are {ALLOWED}: save it as one of them")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower
+            warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
-        if kind not in ("PNG", "JPEG", "MPO"):
-            raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
-        _check_size(path, size[0] * size[1], most)
-        return _plain(path)
+            if kind not in ("PNG", "JPEG", "MPO"):
+                raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
+            _check_size(path, size[0] * size[1], most)
+            return _plain(path)
     except UnidentifiedImageError:
         raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
     except Image.DecompressionBombError as error:
@@ -98,7 +98,8 @@ def _plain(path: str) -> Picture:
         mode, turn = picture.mode, picture.getexif().get(0x0112, 1)
         note = colour_note(picture.info) or exif_note(picture.getexif(), picture.info)
         if picture.format == "PNG":
-            note = png_note(path) or note
+            points = png_note(path)
+            note = note if points is None else points
         if mode not in _MODES:
             raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
         deep = picture.format == "PNG" and _png_depth(path) == 16

@@ -160,6 +160,9 @@ def test_a_picture_that_unfolds_is_refused_before_it_does(tmp_path, rows, column
         read_picture(str(path))
 
 
+WIDE = chunk(b"iCCP", b"x\0\0" + zlib.compress(b"\0" * 128 + b"Display P3"))
+
+
 def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
     grey = bytes(range(12))
     for name, part, words in (
@@ -170,7 +173,9 @@ def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
         ("points", chunk(b"cICP", bytes([12, 13, 0, 1])), "Display P3, sRGB"),
         ("srgb points", chunk(b"cICP", bytes([1, 13, 0, 1])), ""),
         ("bright", chunk(b"cICP", bytes([9, 16, 0, 1])), "Rec. 2020, PQ"),
-        ("wide", chunk(b"iCCP", b"x\0\0" + zlib.compress(b"\0" * 128 + b"Display P3")), "Display P3"),
+        ("points before a profile", chunk(b"cICP", bytes([1, 13, 0, 1])) + WIDE, ""),
+        ("other points", chunk(b"cICP", bytes([9, 13, 0, 1])) + WIDE, "Rec. 2020, sRGB"),
+        ("wide", WIDE, "Display P3"),
     ):
         note = read_picture(write_png(tmp_path / f"{name}.png", 3, 4, 8, 0, grey, part)).note
         assert (words in note) if words else not note, (name, note)
@@ -186,6 +191,16 @@ def test_adobe_rgb_of_a_camera_without_a_profile_is_said(tmp_path, space, index,
         exif.get_ifd(0x8769)[0xA005] = {1: index}
     Image.new("RGB", (9, 6)).save(tmp_path / "a.jpg", exif=exif)
     assert ("Adobe RGB" in read_picture(str(tmp_path / "a.jpg")).note) == said
+
+
+@pytest.mark.parametrize("cut", [90, 121])
+def test_a_damaged_exif_table_is_read_without_a_word(tmp_path, recwarn, cut):
+    """Cut off within its own table: Pillow warns, and the picture is as it is."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x9286] = b"x" * 100
+    Image.new("RGB", (9, 6)).save(tmp_path / "a.jpg", exif=exif.tobytes()[:-cut])
+    assert read_picture(str(tmp_path / "a.jpg")).values.shape == (6, 9, 3)
+    assert not [str(one.message) for one in recwarn]
 
 
 @pytest.mark.parametrize(("brand", "name"), [(b"heic", "HEIC"), (b"mif1", "HEIC"), (b"avif", "AVIF")])

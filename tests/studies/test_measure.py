@@ -5,6 +5,7 @@ import csv
 import json
 import math
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +20,14 @@ from scipy.special import ive, ndtr
 
 from etendue import open_archive, spectra
 from etendue.cli import main
+from etendue.colour_notes import not_applied
 from etendue.errors import RequestError
 from etendue.export import dng
 from etendue.physics.colour.difference import delta_e_2000
 from etendue.physics.colour.encoding import bt709_encode, srgb_encode
 from etendue.physics.colour.matrices import von_kries_matrix, xyz_from_xy
 from etendue.physics.sensor import cfa
+from etendue.studies.measuring_pictures import photograph
 from etendue.studies.measuring_pictures.chart import reference, to_lab
 from etendue.studies.measuring_pictures.photograph import Photograph
 from etendue.studies.measuring_pictures.study import Asked, curves, measure
@@ -327,6 +330,37 @@ def test_srgb_and_its_curve_give_the_chart_but_for_cyan(tmp_path):
     rows = {row["patch"]: row["delta_e"] for row in document["chart"]["patches"]}
     assert rows.pop("cyan") > 1 and max(rows.values()) < 0.02
     assert len(document["notes"]) == 1 and "cyan (100 %)" in document["notes"][0]
+
+
+@pytest.mark.parametrize(
+    ("said", "space", "encoding", "quiet"),
+    [
+        ("Display P3", "sRGB", "sRGB", False),
+        ("Adobe RGB", "sRGB", "sRGB", False),
+        ("Rec. 2020, sRGB", "sRGB", "sRGB", False),
+        ("Display P3", "Display P3", "sRGB", True),
+        ("Display P3, PQ", "Display P3", "sRGB", False),
+        ("Adobe RGB", "Adobe RGB (1998)", "sRGB", True),
+        ("Adobe RGB", "Display P3", "sRGB", False),
+        ("BT.709, BT.709", "sRGB", "sRGB", False),
+        ("BT.709, BT.709", "sRGB", "BT.709", True),
+    ],
+)
+def test_a_note_of_colours_goes_only_where_its_own_space_is_named(tmp_path, monkeypatch, said, space, encoding, quiet):
+    path = saved(tmp_path / "a.png", slanted(5))
+    read = photograph.read_picture
+    monkeypatch.setattr(photograph, "read_picture", lambda *asked: replace(read(*asked), note=not_applied(f"its colours ({said})")))
+    notes = measure(path, Asked(space=space, encoding=encoding))["notes"]
+    assert len(notes) == (not quiet)
+    assert quiet or f"values are read as {space}, encoding {encoding} (" in notes[0]
+
+
+def test_a_profile_of_a_file_is_said_when_nothing_is_named(tmp_path):
+    path = saved(tmp_path / "a.png", slanted(5))
+    with Image.open(path) as picture:
+        picture.save(path, icc_profile=bytes(128) + b"Display P3")
+    (note,) = measure(path, Asked())["notes"]
+    assert "(Display P3) is not applied" in note
 
 
 @pytest.mark.parametrize("order", [(2, 3, 0, 1), (3, 2, 1, 0), (0, 2, 1, 3)])

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue import spectra
+from etendue.colour_notes import is_named
 from etendue.errors import RequestError
 from etendue.plots.plot import Plot, new_figure
 from etendue.studies.measuring_pictures.chart import measured_chart
@@ -57,7 +58,11 @@ def measure(path: Path, asked: Asked) -> dict[str, Any]:
     photograph = open_photograph(path, asked.encoding, weights)
     edges = asked.edges or (() if asked.stars or asked.noise or asked.chart else (FOUND,))
     channel = photograph.channel(asked.channel)
-    notes = [f"{one} (others: --space, --encoding)" for one in photograph.notes if asked.space.partition(" (")[0] not in one]
+    notes = [
+        f"{one.partition(': ')[0]}: values are read as {asked.space}, encoding {asked.encoding} (others: --space, --encoding)"
+        for one in photograph.notes
+        if not is_named(one, asked.space, asked.encoding)
+    ]
     chart = measured_chart(photograph, asked.chart, asked.space, CONFIDENCE) if asked.chart else None
     document = {
         "picture": path.name, "rows": photograph.rows, "columns": photograph.columns, "full": photograph.full,
