@@ -35,6 +35,14 @@ def test_what_is_set_on_the_command_line_is_never_left_out_silently():
         planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue/data/examples/cube.zarr", "scene.width": "3 um"})
 
 
+@pytest.mark.parametrize("use", ["sharpen", "denoise"])
+def test_a_word_that_no_stage_ever_took_is_refused_whatever_is_swapped(use):
+    text = PIPELINE.read_text().replace('use = "sharpen"', 'use = "sharpen"\nstrenght = 0.7')
+    for overrides in ({}, {"sharpen.use": use}):
+        with pytest.raises(RequestError, match="has no parameter 'strenght'"):
+            make_plan(parse_pipeline(text, folder=PIPELINE.parent, overrides=overrides), installed_stages())
+
+
 def test_what_is_lacking_is_told_with_the_words_of_the_command_line():
     with pytest.raises(RequestError, match=r"needs 'file': .*; --set scene.file=\.\.\."):
         planned(**{"scene.use": "radiance_cube"})

@@ -6,6 +6,8 @@ Out: the pipeline whose entries hold what their stages take, and a note for each
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
 
 from etendue.errors import PluginError
@@ -15,24 +17,46 @@ from etendue.spec.stage import parameters_of
 
 
 def fitted_to_overrides(pipeline: Pipeline, registry: Registry) -> tuple[Pipeline, list[str]]:
-    """As the sweep of a ``.use``, in which a stage's own table belongs to it alone; here what both stages take is kept."""
+    """As the sweep of a ``.use``, in which a stage's own table belongs to it alone; here what both stages take is kept.
+
+    What not even the stage of the file takes stays, to be refused.
+    """
     notes: list[str] = []
     swapped = {key.removesuffix(".use") for key, _ in pipeline.overrides if key.endswith(".use")}
     if not swapped:
         return pipeline, notes
-    entries = tuple(_fitted(one, pipeline, registry, notes) if one.name in swapped else one for one in pipeline.stages)
+    before = _written(pipeline.text)
+    entries = tuple(
+        _fitted(one, before.get(one.name, ""), pipeline, registry, notes) if one.name in swapped else one for one in pipeline.stages
+    )
     return replace(pipeline, stages=entries), notes
 
 
-def _fitted(entry: StageEntry, pipeline: Pipeline, registry: Registry, notes: list[str]) -> StageEntry:
-    if entry.use not in registry:
-        return entry
+def _written(text: str) -> Mapping[str, str]:
+    """What the file itself has each of its names ``use``."""
+    stages = tomllib.loads(text).get("stages", [])
+    return {str(one.get("name", one.get("use"))): str(one.get("use")) for one in stages if isinstance(one, dict)}
+
+
+def _declared(use: str, registry: Registry) -> frozenset[str] | None:
+    """Parameters of a stage; None where it is not to be had."""
+    if use not in registry:
+        return None
     try:
-        declared = parameters_of(registry.load(entry.use))
+        return frozenset(parameters_of(registry.load(use)))
     except PluginError:
+        return None
+
+
+def _fitted(entry: StageEntry, before: str, pipeline: Pipeline, registry: Registry, notes: list[str]) -> StageEntry:
+    declared, former = _declared(entry.use, registry), _declared(before, registry)
+    if declared is None:
         return entry
     given = {key for key, _ in pipeline.overrides}
-    gone = [name for name in entry.values if name not in declared and f"{entry.name}.{name}" not in given]
+    gone = [
+        name for name in entry.values
+        if name not in declared and (former is None or name in former) and f"{entry.name}.{name}" not in given
+    ]  # fmt: skip
     if not gone:
         return entry
     left = {name: value for name, value in entry.values.items() if name not in gone}
