@@ -1,5 +1,7 @@
 """A chart of one's own reflectances: every patch reflects what its column says, in its place, and nothing else does."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from etendue import spectra
+from etendue.errors import RequestError
+from etendue.plan.planner import make_plan
+from etendue.registry import installed_stages
+from etendue.spec.pipeline import read_pipeline
 from etendue.stages.scene.patch_chart import PatchChart
 
 EDGES = tuple(range(400, 701, 50))
@@ -70,3 +76,17 @@ def test_patches_come_out_nearly_square(tmp_path, frame, layout):
 def test_what_reflects_less_than_nothing_is_refused_by_name(tmp_path):
     with pytest.raises(ValueError, match=r"p1 falls to -0.1"):
         chart(table(tmp_path, [0.1] * 7, [-0.1] * 7)).describe()
+
+
+@pytest.mark.parametrize("overrides", [{"scene.use": "patch_chart", "scene.reflectances": ""}, {"colour_fit.reflectances": ""}])
+@pytest.mark.parametrize(("top", "refused"), [(90.0, True), (2.01, True), (2.0, False), (1.0, False)])
+def test_percents_are_refused_and_what_fluoresces_is_not(tmp_path, overrides, top, refused):
+    """In the same words wherever reflectances are read."""
+    path = table(tmp_path, [0.1 * top] * 7, [top] * 7)
+    asked = {key: value or path for key, value in overrides.items()}
+    pipeline = read_pipeline(Path(__file__).parents[2] / "pipelines" / "smallest.toml", asked)
+    if refused:
+        with pytest.raises(RequestError, match=rf"p1 of .* reaches {top:g}: a reflectance is a share; divide percents by 100"):
+            make_plan(pipeline, installed_stages())
+    else:
+        make_plan(pipeline, installed_stages())

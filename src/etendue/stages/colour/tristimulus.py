@@ -69,6 +69,8 @@ class ColourFit(Collecting):
             )
 
     def grid(self, inputs: Any) -> dict[str, Grid]:
+        if self.reflectances != "ColorChecker":
+            spectra.require_shares("reflectances", self.reflectances)
         edges, channels = inputs["white_radiance"].bands().edges, len(self.channels)
         seen = sum(below < VISIBLE[1] and above > VISIBLE[0] for below, above in pairwise(edges))
         if seen < channels and self.ridge == 0:

@@ -22,8 +22,8 @@ from etendue.stages.scene.charts import Scene, softness_knob
 class PatchChart(Scene):
     """Even patches of reflectances of one's own, row by row from the upper left, on grey.
 
-    Whatever a table says holds: end values beyond its rows, and more than 1 where a surface fluoresces. What is left of the last row
-    is background.
+    Whatever a table says holds: end values beyond its rows, and more than 1 (up to 2) where a surface fluoresces. What is left of
+    the last row is background.
     """
 
     nanoseconds: ClassVar = 12.0
@@ -45,6 +45,7 @@ class PatchChart(Scene):
         if values.min() < 0:
             worst = names[int(np.argmin(values.min(axis=0)))]
             raise ValueError(f"reflectances: {worst} falls to {values.min():g}; a reflectance is 0 or more")
+        spectra.require_shares("reflectances", self.reflectances)
         rows, columns = self.layout(len(names))
         if min(rows, columns) < 1:
             raise ValueError(f"across is {self.across}, but {self.reflectances} has {len(names)} patches")
