@@ -16,7 +16,7 @@ from etendue.physics.electronics.rounding import lasting_error
 from etendue.physics.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
 from etendue.physics.resolution.edge_shape import EdgeShape, edge_shape
 from etendue.physics.resolution.slanted_edge import SMALLEST
-from etendue.studies.measuring_pictures.finding import reason, slanted
+from etendue.studies.measuring_pictures.finding import reason, slanted, strips_of
 from etendue.studies.measuring_pictures.photograph import Photograph
 from etendue.studies.measuring_pictures.regions import FOUND, Window, window
 
@@ -24,6 +24,7 @@ ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
 STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
+CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, where something else stands in the region
 TILTED = 1.7  # errors of MTF50, of what both levels are wrong by: the largest of edges of 4 contrasts and 3 widths, 8 bits, no noise
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 HIDDEN = "its step is lost in noise"
@@ -49,7 +50,7 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
         A region outside the picture; no edge, one along the raster, a bent one.
     """
     if text != FOUND:
-        return _measured(photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence)
+        return _measured_in(photograph, window("--edge", text, photograph.columns, photograph.rows), channel, confidence)
     places, why = slanted(photograph, channel)
     measured, refusals = [], []
     for place in places:
@@ -72,6 +73,33 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
     if measured:
         return min(measured, key=lambda one: len(one["flags"]))
     raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
+
+
+def _measured_in(photograph: Photograph, region: Window, channel: str, confidence: float) -> dict[str, Any]:
+    """The one edge of a region; where something else stands in a corner of it, that of the strip whose box the region is."""
+    refusal: RequestError | None = None
+    whole: dict[str, Any] = {}
+    try:
+        whole = _measured(photograph, region, channel, confidence)
+    except RequestError as error:
+        refusal = error
+    image, sites = photograph.linear(channel, region.cut)
+    if whole and 1 <= CLEARER * whole["snr"] * _noise(image, sites) / _step(image, sites):
+        return whole
+    if refusal and min(region.width, region.height) < SMALLEST:
+        raise refusal
+    named = [one for one in slanted(photograph, channel)[0] if _roomy(one.window, one.strip, photograph)[0] == region]
+    for place in named or strips_of(photograph, channel, region):
+        try:
+            one = _measured(photograph, place.window, channel, confidence, place.strip)
+        except RequestError:
+            continue
+        slanted_enough = STEEP[0] <= abs(one["angle"]) <= STEEP[1] and math.isfinite(one["mtf50_high"])
+        if slanted_enough and (refusal or one["snr"] > CLEARER * whole["snr"]):
+            return one
+    if refusal:
+        raise refusal
+    return whole
 
 
 def _why(refusals: list[str], why: list[str]) -> str:

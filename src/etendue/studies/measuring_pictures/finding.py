@@ -20,6 +20,7 @@ SEARCHED = 2_000_000  # pixels of the picture in which edges are looked for
 AROUND, WIDEST = 24, 800  # pixels about what was found there, and at most along a side
 PARTS = 3  # along y and along x, with those half way between: where the whole picture is ruled by something else
 MOST, TRIES = 12, 12  # edges that are measured at most, and places that are looked at in a part
+SPANNED = 0.95  # of a region's width and height that a strip has whose box it is
 SHORTEST = 12.0  # half of an edge's length, pixels: a strip of 24 and its ends
 
 
@@ -47,6 +48,31 @@ def slanted(photograph: Photograph, channel: str) -> tuple[list[Place], list[str
     return _apart([_place(one) for one in sorted(found, key=lambda one: -one.promise)])[:MOST], why
 
 
+def strips_of(photograph: Photograph, channel: str, region: Window) -> list[Place]:
+    """Strips whose box a region is: of a turned strip it holds corners, too, in which something else may stand."""
+    top, left = max(region.y - AROUND, 0), max(region.x - AROUND, 0)
+    part = (top, min(region.y + region.height + AROUND, photograph.rows), left, min(region.x + region.width + AROUND, photograph.columns))
+    places = [_cut_to(region, _place(one)) for one in _in(photograph, channel, part, MOST, TRIES)[0]]
+    return [
+        one for one in places
+        if one is not None and one.window.width >= SPANNED * region.width and one.window.height >= SPANNED * region.height
+    ]  # fmt: skip
+
+
+def _cut_to(region: Window, place: Place) -> Place | None:
+    """What of a strip lies in a region."""
+    held, own = np.zeros((region.height, region.width), bool), place.window
+    y, x = own.y - region.y, own.x - region.x
+    rows, columns = slice(max(y, 0), max(y + own.height, 0)), slice(max(x, 0), max(x + own.width, 0))
+    part = held[rows, columns]
+    part[:] = place.strip[max(-y, 0) :, max(-x, 0) :][: part.shape[0], : part.shape[1]] if part.size else False
+    if not held.any():
+        return None
+    rows, columns = (slice(int(seen[0]), int(seen[-1]) + 1) for seen in (np.flatnonzero(held.any(axis)) for axis in (1, 0)))
+    window = Window(region.x + columns.start, region.y + rows.start, columns.stop - columns.start, rows.stop - rows.start)
+    return Place(window, held[rows, columns])
+
+
 def _place(found: FoundEdge) -> Place:
     top, bottom, left, right = found.window
     return Place(Window(left, top, right - left, bottom - top), found.strip)
@@ -63,10 +89,12 @@ def _in_parts(image: Any, sites: Any) -> tuple[list[FoundEdge], list[str]]:
     return sorted(found, key=lambda one: -one.promise), why
 
 
-def _in(photograph: Photograph, channel: str, part: tuple[int, int, int, int]) -> tuple[list[FoundEdge], list[str]]:
+def _in(
+    photograph: Photograph, channel: str, part: tuple[int, int, int, int], most: int = 2, tries: int = 4
+) -> tuple[list[FoundEdge], list[str]]:
     top, bottom, left, right = part
     image, sites = photograph.linear(channel, np.s_[top:bottom, left:right])
-    edges, why = find_edges(image, sites, most=2, tries=4, shortest=SHORTEST)
+    edges, why = find_edges(image, sites, most=most, tries=tries, shortest=SHORTEST)
     return [_moved(one, top, left) for one in edges], why
 
 
