@@ -170,6 +170,9 @@ def test_the_region_of_an_edge_that_was_found_gives_it_again(tmp_path, angle, ha
     ("picture", "said"),
     [
         (lambda: 0.3 + 0.4 * box(35, 0), "edges is along rows or columns"),
+        (lambda: 0.3 + 0.4 * box(60, 43.5), "edges is nearly along a diagonal"),
+        (lambda: np.full((1, 1), 0.3), "it has 1 x 1 pixels, and the least are 3 x 3"),
+        (lambda: np.linspace(0, 1, 200)[None], "it has 1 x 200 pixels"),
         (lambda: 0.3 + 0.4 * box(9, 5), "edges is shorter than 24 pixels"),
         (lambda: 0.3 + np.random.default_rng(0).normal(0, 0.05, (120, 130)), "edges is no stronger than noise or texture"),
         (lambda: np.full((120, 130), 0.3), "it is even all over"),

@@ -90,7 +90,9 @@ class Archive:
                 if not os.path.samestat(os.fstat(self.lock), os.stat(self.folder / "lock")):
                     raise BlockingIOError  # the archive was written anew between the two
             except BlockingIOError:
-                raise ArchiveInUse(f"{self.folder} is in use by another run") from None
+                raise ArchiveInUse(
+                    f"{self.folder} is in use by another run: wait for it (etendue show says how far it is), or give another --archive"
+                ) from None
             self.listing = disk.Listing(self.folder)
             self.manifest = read_manifest(self.folder)
             self.record = latest_record(self.folder, self.manifest)

@@ -170,6 +170,7 @@ def as_light(cube: Cube, name: str) -> tuple[Cube, str]:
     if bad.any():
         band, y, x = (int(i) for i in np.argwhere(bad)[0])
         what = f"{values[band, y, x]:g} in band {band}, row {y}, column {x}"
-        raise RequestError(f"{name} holds {int(bad.sum())} values that are no light, the first {what}; --clip takes what is below 0 as 0")
+        way_out = "--clip takes what is below 0 as 0" if np.isfinite(values).all() else "mend what is not finite in the file first"
+        raise RequestError(f"{name} holds {int(bad.sum())} values that are no light, the first {what}; {way_out}")
     white = None if cube.white is None else np.asarray(cube.white, dtype=float)[order] * scale
     return replace(cube, values=values, wavelength=wavelength, white=white), unit

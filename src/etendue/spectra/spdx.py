@@ -37,8 +37,8 @@ def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArr
     """
     try:
         root = ElementTree.fromstring(path.read_bytes())
-    except ElementTree.ParseError as error:
-        raise ValueError(f"{path} is no SPDX file: {error}") from None
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # no XML; an encoding that is not known, or of several bytes
+        raise ValueError(f"{path} is no SPDX file: {error}; expected XML, best in UTF-8") from None
     found = [one for one in root.iter() if one.tag.rpartition("}")[2] == "SpectralData"]
     if len(found) < 2:
         raise ValueError(f"{path} has {len(found)} elements SpectralData; at least two are needed, as ANSI/IES TM-27-14 has them")

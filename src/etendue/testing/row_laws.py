@@ -6,6 +6,11 @@ Out: nothing, or a broken law.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
 from etendue.plan.strips import has_rows
 from etendue.spec.capabilities import halo_of
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
@@ -41,5 +46,19 @@ class RowLaws:
                     hold(
                         not apart,
                         f"{bench.name} gives other bits of {', '.join(apart)} {rows} rows at a time than all at once, with a halo of "
-                        f"{halo}: state how far it reaches, or None",
+                        f"{halo}{_differing(whole.arrays, cut.arrays, apart)}: say how far it reaches (def halo(self): return "
+                        f"{halo + 1}), or return None where rounding alone differs",
                     )
+
+
+def _differing(whole: Mapping[str, Any], cut: Mapping[str, Any], names: list[str]) -> str:
+    """By how much, of the largest value, the worst of these arrays differs; nothing where that is no number."""
+    shares = []
+    for name in names:
+        one, other = np.asarray(whole[name]), np.asarray(cut.get(name))
+        if one.shape != other.shape or one.dtype.kind not in "iufb":
+            return ""
+        one, other = one.astype(float), other.astype(float)
+        top = float(np.nanmax(np.abs(one), initial=0.0))
+        shares.append(float(np.nanmax(np.abs(other - one), initial=0.0)) / top if top > 0 else np.inf)
+    return f", by up to {max(shares):.1g} of the largest value" if shares else ""

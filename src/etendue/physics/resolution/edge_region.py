@@ -22,6 +22,7 @@ ALIVE = 0.35  # part of the seed's strength down to which the edge goes on
 OTHER = 0.02  # part of the edge's strength from which something else begins
 NOISE = 10.0  # times the median strength of the picture, which noise alone hardly reaches
 FAINT = 1e-9  # of the strongest, below which a gradient has no direction
+SMALLEST = 3  # pixels along a side that have a gradient
 ENDS = 6.0  # pixels left out at either end
 SHORTEST, NARROWEST = 24.0, 8.0  # half of the strip's length, and its half width, pixels
 ROUNDS, STILL = 12, 1e-4  # at most, to find an edge's direction, radians
@@ -123,6 +124,8 @@ class _Survey:
 
 
 def _surveyed(image: FloatArray, sites: Sites | None) -> _Survey:
+    if min(image.shape) < SMALLEST:
+        raise ValueError(lost(f"it has {image.shape[0]} x {image.shape[1]} pixels, and the least are {SMALLEST} x {SMALLEST}"))
     gy, gx = gradient(image, sites)
     jyy, jxx, jyx = (scipy.ndimage.uniform_filter(part, AROUND, mode="constant") for part in (gy * gy, gx * gx, gy * gx))
     total = jyy + jxx
@@ -158,8 +161,11 @@ def _checked_strip(
     sites: Sites | None,
     slant: tuple[float, float],
 ) -> tuple[tuple[int, int, int, int], Sites]:
-    if not slant[0] < abs((math.degrees(turn) + 45) % 90 - 45) < slant[1]:
+    tilt = abs((math.degrees(turn) + 45) % 90 - 45)
+    if not slant[0] < tilt:
         raise ValueError(lost("the strongest straight one stands along the raster"))
+    if not tilt < slant[1]:
+        raise ValueError(lost("the strongest straight one stands nearly along a diagonal"))
     start, stop = start + ENDS, stop - ENDS
     if stop - start < 2 * shortest:
         raise ValueError(lost(f"the longest straight one is shorter than {2 * shortest:g} pixels"))
@@ -250,6 +256,8 @@ def _strip(
     s, c = math.sin(turn), math.cos(turn)
     along, across = y * c - x * s, y * s + x * c
     inside = (along > start) & (along < stop) & (np.abs(across) < half)
+    if not inside.any():
+        raise ValueError(lost("what was followed is no single straight edge: it leaves the picture"))
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     window = (int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1)
     cut = np.s_[window[0] : window[1], window[2] : window[3]]

@@ -31,6 +31,7 @@ HIDDEN = "its step is lost in noise"
 KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
     "shorter than 24 pixels": (("shorter than",), "take the chart larger in the picture"),
     "along rows or columns": (("along the raster", "not slanted", "nothing in it stands at a slant"), "turn the chart by some 5 degrees"),
+    "nearly along a diagonal": (("along a diagonal",), "turn the chart: edges are best at some 5 degrees from rows and columns"),
     "less than 8 pixels from something else": (("something stands within",), "give the edge more room"),
     "not straight, or not alone": (("not straight", "no single straight", "distances", "line", "in one row", "no step"), ""),
     "no stronger than noise or texture about it": ((HIDDEN,), ""),
