@@ -56,10 +56,11 @@ def print_differences(document: dict[str, Any]) -> None:
     """By stage which cells of two archives differ, by how much, and since what."""
     console = _out()
     state = "equal" if document["equal"] else "not equal"
+    console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
     table = _table(
-        f"{escape(document['first'])} and {escape(document['second'])}: {state}",
+        "",
         ("stage", "left"), ("cells", "right"), ("differ", "right"), ("in 1st", "right"), ("in 2nd", "right"), ("largest", "right"),
-        ("rms", "right"), ("of scale", "right"),
+        ("rms", "right"), ("share", "right"),
     )  # fmt: skip
     for stage in document["stages"]:
         table.add_row(
@@ -67,6 +68,11 @@ def print_differences(document: dict[str, Any]) -> None:
             *(_figure(stage[name]) if stage["differing"] else "" for name in ("largest", "rms", "relative")),
         )  # fmt: skip
     console.print(table)
+    if any(stage["differing"] for stage in document["stages"]):
+        console.print(
+            "of the worst cell: largest and rms difference, and as a share rms over full scale (inf: there is none to divide by)",
+            soft_wrap=True,
+        )
     for stage in document["stages"]:
         if stage["since"] and stage["differing"]:
             console.print(escape(f"since  {stage['name']}: {stage['since']}"), soft_wrap=True)
