@@ -26,6 +26,8 @@ from etendue.session import Options, execute
 from tests.archive.dying import Died, dying
 from tests.archive.tiny import store_of, tiny_file, tiny_plan
 
+pytestmark = pytest.mark.long
+
 
 def run(plan, archive, **options):
     return execute(plan, archive, Options("serial", **options))

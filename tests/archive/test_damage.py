@@ -19,6 +19,8 @@ from etendue.errors import ArchiveError, EtendueError
 from etendue.session import Options, execute
 from tests.archive.tiny import store_of
 
+pytestmark = pytest.mark.long
+
 MANY = int(os.environ.get("ETENDUE_DAMAGES", "1"))  # times two flipped bits and another damage, for every kind
 KINDS = (
     "data.zarr/zarr.json",  # root

@@ -16,6 +16,8 @@ from etendue.errors import ArchiveError, ArchiveInUse
 from etendue.session import Options, execute
 from tests.archive.tiny import store_of, tiny_file
 
+pytestmark = pytest.mark.long
+
 
 def state(folder):
     """Every file and link of a folder, with what is in it."""

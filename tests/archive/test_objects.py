@@ -25,6 +25,8 @@ from etendue.session import Options, execute
 from etendue.studies.repairing import repair
 from tests.archive.tiny import store_of, tiny_plan
 
+pytestmark = pytest.mark.long
+
 obstore = pytest.importorskip("obstore", reason="object stores need obstore: pip install 'etendue[objects]'")
 
 from etendue.archive import objects  # noqa: E402

@@ -14,6 +14,8 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import load
 
+pytestmark = pytest.mark.long
+
 DEMOSAICERS = ["demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_residual", "demosaic_malvar"]
 NOISE = ("shot_noise", "full_well", "read_noise", "adc", "linearise")
 PICTURE = ("white", "balance_mosaic", "demosaic_bilinear", "merge_frames", "colour_fit", "camera_to_xyz", "balance", "display", "encode")

@@ -9,6 +9,8 @@ from numpy.testing import assert_allclose
 import etendue
 from tests.camera.test_resolution import COLOUR, QE, READ_OUT
 
+pytestmark = pytest.mark.long
+
 ANGLES = (0.0, 15.0, 30.0, 45.0)  # a square pixel looks the same from all others
 STAR = {"radius": 370.0}
 

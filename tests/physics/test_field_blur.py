@@ -9,6 +9,8 @@ from etendue.physics.field.expansion import expansion
 from etendue.physics.field.psf_bank import PsfBank
 from etendue.physics.field.psf_kernels import Sampler
 
+pytestmark = pytest.mark.long
+
 SPACING = 1.0
 
 

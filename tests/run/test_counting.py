@@ -9,6 +9,8 @@ import xarray
 
 from tests.run.small import SWEEP, assert_same_archives, plan_of, run
 
+pytestmark = pytest.mark.long
+
 SIZES = {"f_number": 2, "pixel_pitch": 3, "integration_time": 2}
 THREE = {**SWEEP, "sweep.pixel_pitch": ["1.5 um", "2.0 um", "2.6 um"], "tolerance": 1e-7}
 LENS, PIXEL = ("irradiance", "falloff", "diffraction", "diffusion", "light_budget"), ("pixel", "mosaic", "resolution")

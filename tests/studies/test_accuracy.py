@@ -20,6 +20,8 @@ from etendue.studies.frontier import cheapest, combinations, convergence, front,
 from etendue.studies.measuring import Measurement
 from tests.run.small import BARE, text_of
 
+pytestmark = pytest.mark.long
+
 POINTS = st.lists(st.tuples(st.floats(1e-12, 1), st.floats(1e-3, 10)), min_size=1, max_size=20)
 
 
