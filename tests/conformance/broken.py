@@ -7,7 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Haloed, Line, Noisy, Sampled, Source, Stage, Transfer, param
+from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Haloed, Line, Noisy, Sampled, Source, Stage, Transfer, param, quantity
+from etendue.physics.mosaic.bilinear import bilinear
+from etendue.physics.sensor.cfa import shifted_bayer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,6 +137,41 @@ class Greedy(Sound):
 class Curious(Sound):
     def run(self, charge: Any, weather: Any) -> dict[str, Any]:
         return {"charge": charge * weather}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlindToItsWindow(Stage):
+    """A demosaicer that takes the first pixel it is given for that of the sensor."""
+
+    role: ClassVar = "demosaicing"
+    reads: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+    creates: ClassVar = {"channel": RGB}
+    negative: ClassVar = "keep"
+    pattern: str = quantity("pattern")
+
+    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+        return {"rgb_camera": bilinear(mosaic_linear, self.pattern)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlindInPart(BlindToItsWindow):
+    """Sees its rows, and no columns."""
+
+    def run(self, mosaic_linear: Any, y: Any) -> dict[str, Any]:  # type: ignore[override]
+        return {"rgb_camera": bilinear(mosaic_linear, shifted_bayer(self.pattern, round(float(y[0])), 0))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandedFromItsWindow(Haloed):
+    """Darker columns that follow the window over the sensor."""
+
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge * (1 - 1e-3 * (np.arange(charge.shape[1]) % 7 == 0)).astype(charge.dtype)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -409,3 +446,46 @@ class NearlyLinear(Stage):
 
     def run(self, rgb_camera: Any) -> dict[str, Any]:
         return {"rgb_camera": rgb_camera + rgb_camera.dtype.type(4e-10) * np.sin(1e3 * rgb_camera)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NumbersForLabels(Stage):
+    """Four frames behind a polariser, at angles that are no coordinate."""
+
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "polariser y x [electron]"}
+    creates: ClassVar = {"polariser": (0.0, 45.0, 90.0, 135.0)}
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": np.stack([charge] * 4)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadsFour(Stage):
+    """Knows four frames and no other number of them."""
+
+    reads: ClassVar = {"charge": "polariser y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        first, second, third, fourth = charge
+        return {"charge": ((first + third) + (second + fourth)) / 4}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SilentAboutBlack(Stage):
+    """Reads what every camera with noise makes negative, and says nothing of it."""
+
+    reads: ClassVar = {"rgb_camera": "channel y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+
+    def run(self, rgb_camera: Any) -> dict[str, Any]:
+        return {"rgb_camera": rgb_camera * rgb_camera.dtype.type(0.5)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarnsOfPorts(Sound):
+    """Takes what is known of its own values for a mapping by port."""
+
+    def warn(self, facts: Any, grids: Any) -> list[str]:
+        return ["bright"] if facts["charge"].high else []

@@ -16,6 +16,13 @@ BROKEN = [
     (broken.ForcedMutating, "test_inputs_are_left_alone", "writes into its input"),
     (broken.UndefinedInTheDark, "test_extremes_stay_finite_or_are_refused_clearly", "NaN"),
     (broken.CrashingOnOnePixel, "test_extremes_stay_finite_or_are_refused_clearly", "IndexError"),
+    (
+        broken.NumbersForLabels,
+        "test_the_declaration_is_well_formed",
+        r"Labels\(\(0.0, 45.0, 90.0, 135.0\)\), from etendue.api",
+    ),
+    (broken.SilentAboutBlack, "test_noise_about_black_is_met_with_a_word_of_its_own", "negative = 'keep' or 'clip'"),
+    (broken.WarnsOfPorts, "test_its_notes_are_of_their_form", "not subscriptable"),
     (broken.FalseError, "test_the_stated_error_is_true_of_single_against_double_precision", "state what is true"),
     (broken.NonsenseError, "test_the_stated_error_is_true_of_single_against_double_precision", "guessed"),
     (broken.FalseGain, "test_errors_grow_by_no_more_than_the_gain", "but gain is 1"),
@@ -49,6 +56,17 @@ BROKEN = [
         broken.ShortHalo,
         "test_rows_alone_are_the_rows_of_the_whole",
         "other bits of charge 1 rows at a time.* of the largest value: say how far it reaches .def halo",
+    ),
+    (
+        broken.BlindToItsWindow,
+        "test_a_window_of_the_sensor_is_read_where_it_stands",
+        "from row 1, column 0 on, of even colours, is .* masks",
+    ),
+    (broken.BlindInPart, "test_a_window_of_the_sensor_is_read_where_it_stands", "from row 0, column 1 on, of even colours, is .* masks"),
+    (
+        broken.BandedFromItsWindow,
+        "test_a_window_of_the_sensor_is_read_where_it_stands",
+        "from row 0, column 1 on, of a picture, is .* masks",
     ),
     (broken.FalseMean, "test_its_mean_is_that_of_its_draws", "but mean says"),
     (broken.DrawingMean, "test_its_mean_is_that_of_its_draws", "draws nothing"),
@@ -89,6 +107,19 @@ def test_dims_the_kit_does_not_know_get_three_labels_or_the_grid_that_is_given()
     assert check_stage(broken.MadeOfThree()) == []
     stack = Grid.of({"frame": Labels((0.0, 1.0)), "y": Line(5), "x": Line(3)})
     assert check_stage(broken.MadeOfThree(), grids={"stack": stack}, scales={"stack": 10.0}) == []
+
+
+def test_what_is_no_coordinate_is_one_finding_in_words():
+    """Not one for each law, of an attribute that a tuple has not."""
+    (finding,) = check_stage(broken.NumbersForLabels())
+    assert "size" not in str(finding)
+
+
+def test_a_dim_of_a_fixed_size_is_taken_from_who_makes_it_or_is_said():
+    """`NumbersForLabels` makes none that is a coordinate, so that it is asked for; with it the stage keeps every law."""
+    assert "coordinates = {'polariser'" in str(check_stage(broken.ReadsFour())[0])
+    angles = {"polariser": Labels((0.0, 45.0, 90.0, 135.0), "deg")}
+    assert check_stage(broken.ReadsFour(), coordinates=angles) == []
 
 
 def test_every_law_can_be_broken_by_one_of_these_stages():

@@ -1,6 +1,7 @@
 """What is written to begin with works as it stands: it installs, keeps the laws, gives the bits of what it begins as."""
 
 import importlib
+import inspect
 import sys
 from importlib.metadata import EntryPoint
 
@@ -15,17 +16,17 @@ from etendue.scaffolds.beginning import text_of
 from etendue.scaffolds.distribution import beginning, files
 from etendue.spec.pipeline import parse_pipeline
 from etendue.spec.presets import preset_names
-from etendue.spec.stage import parameters_of, reads_of, writes_of
-from etendue.testing import check_stage
+from etendue.spec.stage import arguments_of, parameters_of, reads_of, writes_of
+from etendue.testing import StageConformance, check_stage
 from etendue.testing.cases import ordinary
 
 ROLES = list(dict.fromkeys(installed_stages().load(name).role for name in installed_stages().names()))
 QUICK = ("demosaicing", "read noise", "lens", "pixel", "figures")
 
 
-def written(tmp_path, monkeypatch, role, name="begun"):
+def written(tmp_path, monkeypatch, role, like=None, name="begun"):
     """The class of a new distribution, imported from its files."""
-    one = beginning(installed_stages(), name, role, None)
+    one = beginning(installed_stages(), name, role, like)
     for path, text in files(one).items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text)
@@ -48,7 +49,29 @@ def test_a_stage_of_every_role_begins_with_the_declaration_of_its_model(tmp_path
 @pytest.mark.parametrize("role", [pytest.param(role, marks=[] if role in QUICK else pytest.mark.long) for role in ROLES])
 def test_a_stage_of_every_role_keeps_every_law_as_it_is_written(tmp_path, monkeypatch, role):
     _, kind = written(tmp_path, monkeypatch, role)
-    assert not [finding for finding in check_stage(kind(**ordinary(kind))) if not finding.ok]
+    assert check_stage(kind(**ordinary(kind))) == []
+
+
+DEMOSAICERS = [name for name in installed_stages().names() if installed_stages().load(name).role == "demosaicing"]
+
+
+@pytest.mark.parametrize("like", DEMOSAICERS)
+def test_a_demosaicer_begins_knowing_where_its_window_stands(tmp_path, monkeypatch, like):
+    """As it is written; without its rows and columns it is found out."""
+    one, kind = written(tmp_path, monkeypatch, "demosaicing", like)
+    law = "test_a_window_of_the_sensor_is_read_where_it_stands"
+    conformance = type("Conformance", (StageConformance,), {"stage": kind(**ordinary(kind))})()
+    getattr(conformance, law)()
+    if {"y", "x"} <= set(arguments_of(kind)):
+
+        class Blind(kind):
+            def run(self, **given):
+                return one.kind.run(self, **given | {"y": given["y"] - given["y"][0], "x": given["x"] - given["x"][0]})
+
+            run.__signature__ = inspect.signature(kind.run)
+
+        with pytest.raises(AssertionError, match="row 1, column 0"):
+            getattr(type("Conformance", (StageConformance,), {"stage": Blind(**ordinary(kind))})(), law)()
 
 
 @pytest.mark.parametrize("sensor", preset_names())
@@ -92,3 +115,13 @@ def test_a_wrong_name_role_or_model_is_said_and_nothing_written(words, said):
 def test_a_wrong_name_of_a_pipeline_is_said(name):
     with pytest.raises(RequestError, match="is no name for a pipeline"):
         text_of(name, "sony-imx363")
+
+
+@pytest.mark.parametrize("like", ["sharpen", "lens_shading", "demosaic_bilinear"])
+def test_the_parameter_that_is_proposed_is_none_that_is_inherited(like):
+    """`sharpen` and `lens_shading` have a `strength`: one of one's own would stand in its place."""
+    import re
+
+    one = beginning(installed_stages(), "begun", None, like)
+    (name,) = re.findall(r"#     (\w+): float = param", files(one)["src/etendue_begun/stages.py"])
+    assert name not in parameters_of(one.kind) and not hasattr(one.kind, name)

@@ -204,9 +204,16 @@ class {one.name}({one.kind.__name__}):
     # Parameters it has already:
 {taken}
     # One of your own, with its unit and range (from etendue.api import param):
-    #     strength: float = param(1.0, at_least=0, at_most=10, doc="what it changes")
+    #     {_free(one.kind)}: float = param(1.0, at_least=0, at_most=10, doc="what it changes")
     # What it says of its error and its gain is inherited too: say your own where your arithmetic differs, the tests hold you to it.
 {_method(one)}'''
+
+
+def _free(kind: Any) -> str:
+    """A name for a parameter that the class has nothing of yet: one that is inherited would change what stands in its place."""
+    return next(
+        name for name in ("strength", "amount", "extent", "own_strength") if not hasattr(kind, name) and name not in parameters_of(kind)
+    )
 
 
 def _public(kind: Any) -> str:
@@ -230,7 +237,7 @@ COORDINATES = {
     "fx": "cycles/um along x",
     "prepared": "what ``prepare`` gives, made once for many calls",
     "rng": "random numbers of this cell alone",
-    "rng_sensor": "random numbers that stay with the sensor",
+    "rng_sensor": "patterns that stay with the sensor, each by its name: the same for every stage that asks for it",
     "asked": "names of the variables that are asked for",
 }
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
+import sys
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -23,11 +24,12 @@ from etendue.run.job import Job, Looking, Walk
 from etendue.run.segments import Result
 from etendue.run.strips import in_strips
 from etendue.spec import camera
-from etendue.spec.capabilities import Summed, Transfer, is_random, is_source
+from etendue.spec.capabilities import Summed, Transfer, is_random, is_source, no_coordinates
 from etendue.spec.facts import Facts
 from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.spec.ports import CellReport
-from etendue.spec.stage import Stage, looks, reads_of, writes_of
+from etendue.spec.roles import Sheet
+from etendue.spec.stage import Stage, looks, looks_at_stages, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 Frame = tuple[int, int]
@@ -39,6 +41,7 @@ SMALL: Frame = (4, 5)
 LARGE: Frame = (119, 160)  # where sums are long enough to lose digits
 ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
 EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # inside every table of silicon, colour and cameras
+SHEET = Sheet("line pattern", {"read_noise": 1.0, "dsnu": 0.5, "prnu": 0.01, "dark_current": 5.0, "dark_spread": 0.5})
 SPACING = 2.0  # um, of the light on the image plane: a few pixels fit into a frame
 FULL_SCALE = {  # of an ordinary exposure, by unit
     "W m-2 sr-1 nm-1": 0.1,
@@ -47,6 +50,8 @@ FULL_SCALE = {  # of an ordinary exposure, by unit
     "electron": 1e4,
     "DN": 4095.0,
 }
+NAMED = ("wavelength", "y", "x", "channel", "component")  # dims with coordinates of their own
+GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known
 EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole")
 CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise where it cannot compute
 ROUNDING = 1e-12  # of double precision, where a stage states no error of its own
@@ -123,9 +128,14 @@ class _Sum(Summed):
 class Bench:
     """Grids, arrays and jobs for one instance of a stage, from its declaration."""
 
-    def __init__(self, stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, stage: Stage, grids: Mapping[str, Grid] | None = None, scales: Mapping[str, float] | None = None,
+        coordinates: Mapping[str, Coordinate] | None = None,
+    ) -> None:  # fmt: skip
         self.stage, self.kind = stage, type(stage)
-        self.given_grids, self.scales = dict(grids or {}), dict(scales or {})
+        self.given_grids, self.scales, self.coordinates = dict(grids or {}), dict(scales or {}), dict(coordinates or {})
+        if wrong := no_coordinates(self.kind):
+            raise LawBroken(wrong)
 
     @property
     def name(self) -> str:
@@ -161,6 +171,8 @@ class Bench:
         return port if {"y", "x"} <= set(self.reads[port].dims) else None
 
     def coordinate(self, dim: str, declaration: Declaration, frame: Frame) -> Coordinate:
+        if dim in self.coordinates:
+            return self.coordinates[dim]
         if dim == "wavelength":
             return Bands(EDGES)
         if dim in ("y", "x"):
@@ -171,7 +183,25 @@ class Bench:
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB
-        return XYZ if dim == "component" else Labels((0.0, 1.0, 2.0))
+        return XYZ if dim == "component" else self._made_elsewhere.get(dim, GUESSED)
+
+    @cached_property
+    def _made_elsewhere(self) -> dict[str, Coordinate]:
+        """Dims that stages of the same module create."""
+        own = vars(sys.modules[self.kind.__module__]).values() if self.kind.__module__ in sys.modules else ()
+        kinds = [one for one in own if isinstance(one, type) and issubclass(one, Stage) and isinstance(one.creates, Mapping)]
+        return {dim: one for kind in kinds for dim, one in kind.creates.items() if isinstance(one, Line | Bands | Labels)}
+
+    def guessed(self) -> str:
+        """A hint where the size of a dim that is read is not known from anything."""
+        for declaration in self.reads.values():
+            for dim in declaration.dims:
+                if dim not in NAMED and self.coordinate(dim, declaration, FRAME) is GUESSED and not self.given_grids:
+                    return (
+                        f". Of the dim {dim!r} nothing is known, and three entries are tried: where it has others, say so beside "
+                        f"'stage' in the test, coordinates = {{{dim!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
+                    )
+        return ""
 
     def input_grids(self, frame: Frame = FRAME) -> dict[str, Grid]:
         grids = {}
@@ -194,11 +224,12 @@ class Bench:
         looking = Looking(
             ports=looks_at, transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=EDGES,
             channel_weights=_Sum() if summed and transfers else None,
-            grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if what != "transfer"},
+            grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if not looks_at_stages(what)},
+            sheets=(SHEET, SHEET) if "datasheet" in self.looks.values() else (),
         )  # fmt: skip
         return Job(
             ref=("stage", ()), task="compute", stage=self.stage, writes=self.writes, grids=grids, input_grids=inputs,
-            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, sensor_seed=seed,
+            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, sensor_serial=seed,
             precision=precision, store=(), deliver=tuple(self.writes), target=None, seconds=0.0, looking=looking if self.looks else None,
         )  # fmt: skip
 
@@ -269,7 +300,7 @@ class Bench:
             (port, ()): Result({self.reads[port].variable: a}, {self.reads[port].variable: smallest(a)} if a.dtype.kind == "f" else {})
             for port, a in given.items()
         }
-        planes = {port: self.seen(port, precision, frame) for port, what in self.looks.items() if what != "transfer"}
+        planes = {port: self.seen(port, precision, frame) for port, what in self.looks.items() if not looks_at_stages(what)}
         for number, name in enumerate(("first", "second") if planes else (), 1):
             results[(name, ())] = Result({self.looks[port]: (plane / number).astype(plane.dtype) for port, plane in planes.items()})
         before = digests(given)
@@ -286,7 +317,7 @@ class Bench:
         """The same, where it must succeed."""
         trial = self.run(inputs, precision, frame, **how)
         if not trial.done:
-            raise LawBroken(f"{self.name} fails on ordinary input: {trial.report.message}")
+            raise LawBroken(f"{self.name} fails on ordinary input: {trial.report.message}{self.guessed()}")
         return trial
 
     def facts(self, inputs: Arrays) -> dict[str, Facts]:

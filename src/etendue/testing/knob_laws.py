@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from etendue.spec.capabilities import Sampled
-from etendue.spec.grid import Grid
+from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.stage import Stage, parameters_of
 from etendue.testing.bench import Bench, LawBroken
 from etendue.testing.checks import along_ladder
@@ -26,6 +26,7 @@ class KnobLaws:
     stage: Stage
     grids: ClassVar[Mapping[str, Grid]]
     scales: ClassVar[Mapping[str, float]]
+    coordinates: ClassVar[Mapping[str, Coordinate]]
 
     def test_its_mean_is_that_of_its_draws(self) -> None:
         """A stage that draws or rounds and says its mean: on average it gives that, within what so many draws know of it."""
@@ -43,7 +44,7 @@ class KnobLaws:
             last, before = math.inf, None
             for value, stage in along_ladder(self.stage, name):
                 try:
-                    bound = Bench(stage, self.grids, self.scales).own_error(bench.arrays("ordinary"), "float64")
+                    bound = Bench(stage, self.grids, self.scales, self.coordinates).own_error(bench.arrays("ordinary"), "float64")
                 except ValueError:
                     continue  # a setting that the stage refuses on this grid
                 if bound is None:

@@ -76,7 +76,7 @@ def with_parameter(bench: Bench, name: str, value: float, inputs: Any) -> Trial 
     """The result with one parameter changed; None where the stage refuses it, or the grid is another."""
     try:
         stage = dataclasses.replace(bench.stage, **{name: value})
-        return Bench(stage, bench.given_grids or bench.input_grids(), bench.scales).run(inputs)
+        return Bench(stage, bench.given_grids or bench.input_grids(), bench.scales, bench.coordinates).run(inputs)
     except ValueError:
         return None
 
