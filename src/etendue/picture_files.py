@@ -7,15 +7,19 @@ Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3),
 from __future__ import annotations
 
 import re
-import warnings
+import struct
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from etendue import plain_files
 from etendue.colour_notes import colour_note, exif_note, png_note
+from etendue.process import unwarned
 from etendue.spec.bounds import beyond
 
+MOST_DIRECTORIES = 10_000  # of a TIFF file
 MOST_PIXELS = 50_000_000  # a gigabyte while it is read
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
 DNG = 50706  # tag of its version
@@ -51,14 +55,14 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
     from PIL import Image, UnidentifiedImageError
 
     try:
+        plain_files.check_plain(path)
         with open(path, "rb") as file:
             start = file.read(12)
         if start[:4] in _TIFF:
             return _tiff(path, most)
         if start[4:8] == b"ftyp" and start[8:] in _ELSE:
             raise ValueError(f"{path} is {_ELSE[start[8:]]}; allowed are {ALLOWED}: save it as one of them")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
+        with unwarned():  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
             with Image.open(path) as picture:
                 kind, size = picture.format, picture.size
             if kind not in ("PNG", "JPEG", "MPO"):
@@ -154,11 +158,43 @@ def _deep_png(path: str, mode: str) -> Any:
     return halves[0] * np.uint16(256) + halves[1]
 
 
+def check_directories(path: str | Path) -> None:
+    """Refuse a TIFF file whose directories stand one behind the other without end: readers would go round in it.
+
+    Raises
+    ------
+    ValueError
+        A directory points to itself, to one before it, or there are more than any picture has.
+    """
+    with open(path, "rb") as file:
+        start = file.read(16)
+        order = "<" if start[:2] == b"II" else ">"
+        large = start[2:4] in (b"+\0", b"\0+")
+        if start[:4] not in _TIFF or len(start) < (16 if large else 8):
+            return
+        count, entry, link = ("Q", 20, "Q") if large else ("H", 12, "I")
+        at, seen = struct.unpack_from(order + link, start, 8 if large else 4)[0], set[int]()
+        while at:
+            if at in seen or len(seen) >= MOST_DIRECTORIES:
+                raise ValueError(
+                    f"{path}: its directories go round in a ring, or are more than {MOST_DIRECTORIES}; no picture is written so"
+                )
+            seen.add(at)
+            file.seek(at)
+            head = file.read(struct.calcsize(order + count))
+            if len(head) < struct.calcsize(order + count):
+                return
+            file.seek(entry * struct.unpack(order + count, head)[0], 1)
+            tail = file.read(struct.calcsize(order + link))
+            at = struct.unpack(order + link, tail)[0] if len(tail) == struct.calcsize(order + link) else 0
+
+
 def _tiff(path: str, most: int) -> Picture:
     import logging
 
     import tifffile
 
+    check_directories(path)
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     with tifffile.TiffFile(path) as file:
         pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]

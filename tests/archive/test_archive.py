@@ -28,6 +28,9 @@ from tests.run.small import BARE, SWEEP, assert_same_archives, command, plan_of,
 
 LOOK = """
 import sys, numpy, xarray
+from xarray.backends import plugins
+found = plugins.entry_points  # those of etendue aside, as where it is not installed
+plugins.entry_points = lambda **of: [point for point in found(**of) if not point.value.startswith("etendue")]
 tree = xarray.open_datatree(sys.argv[1], engine="zarr")
 assert "etendue" not in sys.modules
 lazy = tree["shot_noise/32x32/charge"].variable._data
@@ -423,10 +426,10 @@ def test_a_sensor_of_fixed_size_has_a_child_for_each_shape(tmp_path):
 
 @pytest.mark.parametrize("kept", [None, ["adc.raw"]], ids=["all", "raw"])
 def test_cells_of_another_shape_take_none_away(tmp_path, kept):
-    """One shape has no group of its own; the second gives both one: what was finished is computed there, and stays."""
+    """One shape has no group of its own; the second gives both one: what was finished is there, and stays."""
     for pitch in SWEEP["sweep.pixel_pitch"]:
         outcome = run(plan_of({**FIXED, "sweep.pixel_pitch": [pitch], "keep": kept}), tmp_path / "grown")
-    assert "of another shape" in outcome.reasons["adc"]
+    assert not outcome.reasons
     run(plan_of({**FIXED, "sweep.pixel_pitch": SWEEP["sweep.pixel_pitch"], "keep": kept}), tmp_path / "whole")
     assert_same_archives(tmp_path / "grown", tmp_path / "whole", frames=False)
 

@@ -9,6 +9,7 @@ import json
 import shutil
 import threading
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -187,6 +188,29 @@ def test_what_is_sealed_counts_elsewhere_and_only_what_is_needed_is_fetched(plac
     again = {path for kind, path in asked if path in before and kind in ("pieces", "put")}
     assert not {path for path in again if not path.startswith(("data.zarr/frames", "data.zarr/ledger", "data.zarr/summary"))}
     assert store_of(downloaded(url, machine / "copy")) == store_of(machine / "disk")
+
+
+@pytest.mark.parametrize("put", [0, *(pytest.param(n, marks=pytest.mark.long) for n in range(2, 60, 4))])
+def test_cells_that_get_another_group_are_neither_lost_nor_computed_again(place, plan, machine, monkeypatch, put):
+    """A second shape comes, on a machine that has nothing of the first; the store is lost at one of the puts."""
+    first, url = tiny_plan(place, {"sweep.pixel.rows": [4]}), "memory:///tiny"
+    for where in (machine / "disk", url):
+        execute(first, where, Options("serial"))
+        elsewhere(machine, monkeypatch)
+        if put and where == url:
+            with monkeypatch.context() as patch:
+                lost_at(patch, put)
+                with suppress(StoreLost):
+                    run(plan, url)
+            if put % 8 == 2:
+                elsewhere(machine, monkeypatch, "a third")
+                monkeypatch.setattr(lease, "LEASE", 0.0)
+        outcome = execute(plan, where, Options("serial"))
+        new = len(plan.cells) - len(first.cells)
+        assert outcome.computed <= new if put and where == url else outcome.computed == new
+    copy = downloaded(url, machine / "copy")
+    assert store_of(copy) == store_of(machine / "disk")
+    assert verify(copy).whole
 
 
 def test_other_parameters_replace_what_is_there(place, plan, machine, monkeypatch):

@@ -7,8 +7,8 @@ Out: the record of its last run, its pipeline, the digests that its inputs must 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from etendue.archive.inputs import digest_now
 from etendue.archive.manifest import DATA, digest_of, read_manifest
 from etendue.archive.provenance import is_record, record_paths
 from etendue.errors import ArchiveError
+from etendue.spec.bounds import MOST_CELLS
 from etendue.spec.pipeline import Pipeline, parse_pipeline
 
 _INPUT = re.compile(r'"\.\./inputs/([0-9a-f]{64}[^"/]*)"')
@@ -38,8 +39,8 @@ class Recorded:
         """The names below ``inputs/`` that its pipeline reads, each beginning with the SHA-256 of its content."""
         return list(dict.fromkeys(_INPUT.findall(self.text)))
 
-    def pipeline(self) -> Pipeline:
-        """The pipeline as it was resolved.
+    def pipeline(self, most_cells: int | None = None) -> Pipeline:
+        """The pipeline as it was resolved; ``most_cells``: how many cells its reader allows, whatever it says itself.
 
         Raises
         ------
@@ -52,7 +53,8 @@ class Recorded:
         faults = [fault for name in self.inputs if (fault := input_fault(folder, name))]
         if faults:
             raise ArchiveError("\n".join(faults))
-        return parse_pipeline(self.text, str(self.path.with_suffix(".toml")), self.path.parent)
+        found = parse_pipeline(self.text, str(self.path.with_suffix(".toml")), self.path.parent)
+        return replace(found, most_cells=most_cells or MOST_CELLS)
 
 
 def input_fault(folder: Path, name: str) -> str:
@@ -83,6 +85,7 @@ def recorded(folder: Path) -> Recorded:
     """
     if not (folder / DATA).is_dir():
         raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} in it)")
+    disk.Listing(folder)  # no word of it is read through a link
     paths = record_paths(folder)
     if not paths:
         what = "holds no record of a run: nobody knows what it was asked for"
@@ -100,9 +103,11 @@ def recorded(folder: Path) -> Recorded:
     return Recorded(paths[-1], record)
 
 
-def every_record(folder: Path) -> Iterator[Recorded]:
-    """All runs whose records can be read, the newest first."""
+def every_record(folder: Path, known: Container[str] | None = None) -> Iterator[Recorded]:
+    """All runs whose records can be read, the newest first; ``known``: of those at these paths."""
     for path in reversed(record_paths(folder)):
+        if known is not None and f"runs/{path.name}" not in known:
+            continue
         record = disk.read_document(path)
         if record is not None and is_record(record) and isinstance(record.get("resolved"), str):
             yield Recorded(path, record)

@@ -59,6 +59,14 @@ def _remove_digits(folder: Path, listing: disk.Listing, place: str) -> None:
     disk.remove_folder(folder, place)
 
 
+def dims_on_disk(listing: disk.Listing, node: str) -> int:
+    """How many dims the one chunk of a plain array has, a folder for each but the last; 0: there is none."""
+    place, count = f"{DATA}/{node}/c", int("c" in listing.folders.get(f"{DATA}/{node}", ()))
+    while count and "0" in listing.folders.get(place, ()):
+        place, count = f"{place}/0", count + 1
+    return count
+
+
 def nodes_on_disk(listing: disk.Listing, path: str) -> list[str]:
     """Groups and arrays at and below a folder of the store."""
     own = [path] if listing.has(f"{DATA}/{path}/{ROOT}") else []

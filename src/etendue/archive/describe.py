@@ -13,19 +13,11 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Read, read
-from etendue.archive.manifest import NAME, read_manifest
+from etendue.archive.manifest import NAME, damaged, read_manifest
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError
-
-
-def _damaged(folder: Path, paths: list[str]) -> ArchiveError:
-    more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
-    return ArchiveError(
-        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} written: "
-        f"the archive is damaged. Mend it: etendue verify {folder} --repair"
-    )
 
 
 def refuse_changed(folder: Path, running: bool) -> None:
@@ -41,7 +33,7 @@ def refuse_changed(folder: Path, running: bool) -> None:
     if manifest is None and not running and (folder / NAME).exists():
         changed = [NAME]
     if changed and not is_running(folder):  # a run may have begun since
-        raise _damaged(folder, changed)
+        raise damaged(folder, changed)
 
 
 def describe_archive(folder: Path) -> dict[str, Any]:
@@ -63,12 +55,12 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     if record is None:
         if running:
             raise ArchiveError(f"{folder}: a run is beginning; look again in a moment")
-        raise _damaged(folder, [f"runs/{path.name}" for path in records[-1:]] or ["runs"])
+        raise damaged(folder, [f"runs/{path.name}" for path in records[-1:]] or ["runs"])
     journal = read(folder / JOURNAL)
     if journal.damaged and not running:
-        raise _damaged(folder, [JOURNAL])
+        raise damaged(folder, [JOURNAL])
     if not running and (odd := Stored(folder, journal=journal).odd()):
-        raise _damaged(folder, odd)
+        raise damaged(folder, odd)
     counts: dict[str, dict[str, int]] = {}
     for (stage, status), count in journal.said.counts(journal.outdated).items():
         counts.setdefault(stage, {})[status] = count
@@ -155,12 +147,12 @@ def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str
         if document is None:
             if not (folder / path).exists():
                 continue  # a run has just replaced it
-            raise _damaged(folder, [path])
+            raise damaged(folder, [path])
         if document.get("node_type") != "array" or name == "status":
             continue
         dims, shape, attributes = document.get("dimension_names") or [], document.get("shape"), document.get("attributes", {})
         if not (isinstance(dims, list) and isinstance(shape, list) and isinstance(attributes, dict) and len(dims) == len(shape)):
-            raise _damaged(folder, [path])
+            raise damaged(folder, [path])
         if dims == [name] or name.endswith("_um") or name == "wavelength_bounds":
             continue
         sizes = {str(dim): size for dim, size in zip(dims, shape, strict=True)}

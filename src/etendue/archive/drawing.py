@@ -1,46 +1,85 @@
 """What arrays say of how they are drawn, and of which direction is better, so that a program without a plan draws them right.
 
-In:  a plan, a stage of it, one of its variables.
-Out: attributes: ``drawn_as`` (linear, encoded, map), ``drawn_white``, ``drawn_black``, ``drawn_pattern`` (rows of filters), ``drawn_for``
-     (XYZ of the white to which a viewer is adapted), ``better`` (higher, lower).
+In:  a plan, a stage of it, some of its cells, one of its variables.
+Out: attributes: those of ``spec.drawn.Drawn``, in ``drawn_by`` what differs along axes; ``better`` (higher, lower).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from etendue.physics.sensor import cfa
+from etendue.plan.drawn import drawn_of, quantity_axes
 from etendue.plan.model import Cell, Node, Plan
 from etendue.spec.capabilities import Viewed
-from etendue.spec.stage import Stage
+from etendue.spec.drawn import BY
 from etendue.spec.variables import variable
 
 
 def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[str, Any]:
-    """Only what holds for all cells: a swept pattern is not said."""
-    shown, dims = variable(name), node.writes[name].dims
-    found: dict[str, Any] = {"better": shown.better} if shown.better else {}
-    if not shown.shown or dims[-2:] != ("y", "x"):
+    """What holds for all cells, and what for some."""
+    better = variable(name).better
+    found: dict[str, Any] = {"better": better} if better else {}
+    if drawn_of(plan, cells[0], name) is None:
         return found
-    found["drawn_as"] = shown.shown
-    if shown.white is not None:
-        found["drawn_white"] = shown.white
-    swept = {axis.key for axis in plan.axes}
-    if shown.black and shown.black not in swept:
-        found["drawn_black"] = float(plan.camera.get(shown.black, 0) or 0)
-    pattern = plan.camera.get("pattern")
-    if shown.shown == "linear" and not {"channel", "wavelength"} & set(dims) and pattern is not None and "pattern" not in swept:
-        found["drawn_pattern"] = str(cfa.read(str(pattern)))
-    if "channel" in dims:
-        whites = {_white(stage) for stage in {id(cell.stage): cell.stage for cell in cells}.values()}
-        if len(whites) == 1 and None not in whites:
-            found["drawn_for"] = list(whites.pop() or ())
+    by_cell = _by_cell(plan, node, cells, name)
+    first, *others = {id(own): own for own in by_cell.values()}.values()
+    common = {key: value for key, value in first.items() if all(own.get(key) == value for own in others)}
+    if all(own == first for own in others):
+        return found | common
+    moving = _moving(by_cell, len(node.axes))
+    places: dict[str, list[Any]] = {}
+    for index, own in by_cell.items():
+        at = {node.axes[n]: plan.axis(node.axes[n]).values[index[n]] for n in moving}
+        places[json.dumps(at)] = [at, {key: value for key, value in own.items() if key not in common}]
+    return found | common | {BY: json.dumps(list(places.values()))}
+
+
+def _by_cell(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], dict[str, Any]]:
+    """Attributes by position on the axes; cells that are drawn alike share them."""
+    axes, viewed = quantity_axes(plan, node, name), any(issubclass(one.kind, Viewed) for one in node.alternatives)
+    drawn = drawn_of(plan, cells[0], name)
+    starts = _starts(cells, name) if drawn is not None and drawn.pattern else {}
+    if not axes and not viewed and len(set(starts.values())) < 2:
+        cells = cells[:1]
+    known: dict[Any, dict[str, Any]] = {}
+    found = {}
+    for cell in cells:
+        start = starts.get(cell.index, (0, 0))
+        alike = (tuple(cell.index[n] for n in axes), id(cell.stage) if viewed else 0, start)
+        if alike not in known and (own := drawn_of(plan, cell, name)) is not None:
+            known[alike] = replace(own, pattern=_rows(own.pattern, start)).attributes()
+        found[cell.index] = known[alike]
     return found
 
 
-def _white(stage: Stage) -> tuple[float, ...] | None:
-    white = stage.viewing_white() if isinstance(stage, Viewed) else None
-    return None if white is None else tuple(float(value) for value in np.ravel(white))
+def _starts(cells: Sequence[Cell], name: str) -> dict[tuple[int, ...], tuple[int, int]]:
+    """The first row and column of each array, 0 along which all begin alike: coordinates are counted from the first sample elsewhere."""
+    lines = [(cell.grids[name].line("y"), cell.grids[name].line("x")) for cell in cells]
+    rows, columns = ([round(line.start) for line in along] for along in zip(*lines, strict=True))
+    down, across = (len(set(along)) > 1 for along in (rows, columns))
+    return {cell.index: (y if down else 0, x if across else 0) for cell, y, x in zip(cells, rows, columns, strict=True)}
+
+
+def _rows(pattern: str, start: tuple[int, int]) -> str:
+    """A pattern row by row, from a pixel on."""
+    if not pattern:
+        return ""
+    rows = cfa.read(pattern).rows
+    down, across = start[0] % len(rows), start[1] % len(rows[0])
+    return "/".join(row[across:] + row[:across] for row in (*rows[down:], *rows[:down]))
+
+
+def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:
+    """The axes along which something differs; all of them where cells are too few to tell."""
+    moving = []
+    for number in range(axes):
+        rest: dict[tuple[int, ...], Any] = {}
+        if any(rest.setdefault((*at[:number], *at[number + 1 :]), own) != own for at, own in found.items()):
+            moving.append(number)
+    told: dict[tuple[int, ...], Any] = {}
+    alone = any(told.setdefault(tuple(at[n] for n in moving), own) != own for at, own in found.items())
+    return list(range(axes)) if alone else moving

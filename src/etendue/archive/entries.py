@@ -154,6 +154,11 @@ class Entries(MutableMapping[str, Entry]):
             return ""
         return STATUS[self.status[row]]
 
+    def first_file(self, name: str) -> str:
+        """The shard in which the first chunk of a cell lies; '' where nothing of it is stored."""
+        row = self.rows.get(name)
+        return "" if row is None or not self.count[row] else self.files.texts[self.files.path[self.first[row]]]
+
     def took(self, name: str) -> float:
         """Seconds of a cell; 0 where nothing is said of it."""
         row = self.rows.get(name)

@@ -10,6 +10,7 @@ flipped bit of an index costs no cell.
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,18 +37,25 @@ class State:
 class Finder:
     """Looks at every shard once."""
 
-    def __init__(self, folder: Path, journal: Journalled) -> None:
+    def __init__(self, folder: Path, journal: Journalled, linked: frozenset[str] = frozenset()) -> None:
         self.folder, self.journal = folder, journal
+        self.linked = linked  # paths of links in the place of folders: nothing behind them is read
         self.states: dict[str, State | None] = {}
 
     def state(self, path: str, slots: int) -> State | None:
         """A shard as it is; None where there is none."""
         if path not in self.states:
             try:
+                if self.behind_link(path):
+                    raise OSError(errno.ELOOP, "it lies behind a link", path)
                 self.states[path] = State(*read_index(self.folder / path, slots))
             except OSError:
                 self.states[path] = None
         return self.states[path]
+
+    def behind_link(self, path: str) -> bool:
+        """Whether a path leads through a link: its file is somebody else's."""
+        return any(path.startswith(f"{one}/") for one in self.linked)
 
     def odd(self, path: str, slots: int) -> bool:
         """Whether a shard that was put in its place is missing, has another size or a damaged index."""
@@ -59,6 +67,8 @@ class Finder:
     def find(self, written: Written, slots: int, fresh: bool = False) -> Place | None:
         """Where the bytes of a chunk are; ``fresh``: they are read, whatever stands around them."""
         state, shard = self.state(written.path, slots), self.journal.shards.get(written.path)
+        if self.behind_link(written.path):
+            return None
         if shard is not None and state is not None:
             at = shard.at(written)
             if at is not None:

@@ -6,9 +6,9 @@ Out: TOML with every override in it, in which files are copies in ``inputs/``, n
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +16,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.archive import disk
 from etendue.errors import ArchiveError
 from etendue.plan.keys import file_digest
@@ -29,6 +30,7 @@ from etendue.spec.pipeline import Pipeline
 from etendue.spec.presets import preset
 from etendue.spec.stage import file_behind, file_state, parameters_of
 
+_COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
 
 
@@ -168,10 +170,7 @@ def copy_inputs(folder: Path, inputs: Mapping[str, str], durable: bool = False) 
 
 def digest_now(copy: Path) -> str:
     """SHA-256 of a file or folder as it is on disk now, whatever is remembered of it."""
-    if not copy.is_dir():
-        with copy.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    return file_digest(str(copy))
+    return file_digest(str(copy)) if copy.is_dir() else plain_files.sha256(copy, None, links=False)
 
 
 def _read(path: Path) -> Iterator[bytes]:
@@ -198,7 +197,15 @@ def sweep_of(record: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
         found = tomllib.loads(text, parse_float=Decimal).get("sweep", {}) if isinstance(text, str) else {}
     except (ValueError, RecursionError):
         return {}
-    return _in_place(found, folder) if isinstance(found, dict) else {}
+    return _in_place(found, folder) if isinstance(found, dict) and not _names_others(found) else {}
+
+
+def _names_others(value: Any) -> bool:
+    """Whether a sweep of a record names files elsewhere than in ``inputs/``: no run has written that."""
+    if isinstance(value, dict | list):
+        return any(map(_names_others, value.values() if isinstance(value, dict) else value))
+    leads = isinstance(value, str) and (os.path.isabs(value) or value.startswith("package:") or ".." in value.split("/"))
+    return leads and not _COPY.fullmatch(value)
 
 
 def _in_place(value: Any, folder: Path) -> Any:

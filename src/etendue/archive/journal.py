@@ -18,17 +18,20 @@ import os
 import zlib
 from collections.abc import Iterable, Mapping, MutableMapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from etendue import plain_files
 from etendue.archive import disk
 from etendue.archive.entries import Entries, Entry
 from etendue.archive.layout import STATUS
 from etendue.archive.line_forms import FIELDS, axis_of, block_of, decode_of_a_cell, files_of, inside, leads_out, of_kind
 from etendue.archive.shards import Shard
 
+LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
 UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError)  # what reading a damaged line may raise
 SUM = 18  # characters of ',"sum":"01234567"}'
 
@@ -224,11 +227,14 @@ def read(path: Path) -> Read:
     """The last word on every cell, group and run."""
     found = Read()
     try:
-        file = path.open("rb")
+        file = plain_files.open_plain(path, links=False)
     except FileNotFoundError:
         return found
     with file:
-        for line in file:
+        for line in iter(partial(file.readline, LONGEST_LINE), b""):
+            if len(line) == LONGEST_LINE:  # no run writes such a line: what stands behind it is not looked for
+                found.damaged += 1
+                break
             if not line.endswith(b"\n"):  # behind the last line end stands nothing, or a torn line
                 found.torn = True
             elif not _take_own(found, line[:-1]):

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from etendue.archive import crate, frames, inputs, keeping, provenance
+from etendue.archive import crate, frames, inputs, keeping, moving, provenance
 from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
@@ -65,10 +65,12 @@ class ArchiveKeeper:
         elsewhere = old is not None and old["platform"] != provenance.platform_record()
         if self.accept_platform and old is not None and elsewhere:
             store.former = former_of(plan, old)
+        if store.layout.moves:
+            moving.move(store, store.layout.moves)
+            store.use(plan)
         finished = set() if self.recompute else {ref for ref in plan.cells if store.finished(ref)}
         asked_for = set(cells.values()) | {ref for ref in plan.cells if self.restore and store.names[ref] in self.restore}
-        moved = {ref for ref in plan.cells if ref not in finished and not self.recompute and keeping.is_elsewhere(store, ref)}
-        todo = select(plan, finished, asked_for | moved)
+        todo = select(plan, finished, asked_for)
         outdated = set(plan.cells) - finished - todo - set(cells.values())
         removed = sum(store.has_files(ref) for ref in outdated)
         known = entries.any_done()
@@ -76,8 +78,6 @@ class ArchiveKeeper:
         reasons = {name: why for name, why in (provenance.reasons(old, plan) if known else {}).items() if name in again}
         for name, count in store.damaged.items():
             reasons.setdefault(name, f"{count} stored {'cell is' if count == 1 else 'cells are'} missing or damaged on disk")
-        for name in {ref[0] for ref in moved}:
-            reasons.setdefault(name, "cells of another shape have come: each shape is in a group of its own")
         store.begin(todo, finished, outdated)
         if self.restore is not None:
             store.change()  # also where nothing is left to do: what vouches for the rest is written anew

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 
 from etendue.archive.entries import Entries, Entry
 from etendue.archive.inputs import sweep_of
-from etendue.archive.journal import is_done
 from etendue.archive.naming import Names
 from etendue.archive.provenance import records
 from etendue.archive.store import Archive
@@ -41,22 +40,6 @@ def with_stored(asked: Plan, store: Archive, prune: bool) -> tuple[Plan, list[st
     if lost.cells:
         lost.refuse(str(store.folder))
     return plan, stay, 0
-
-
-def is_elsewhere(store: Archive, ref: CellRef) -> bool:
-    """Whether a cell is right and stored where its variables stood before: cells of another shape have come since."""
-    cell, entry = store.plan.cells[ref], store.journal.entries.get(store.names[ref])
-    if entry is None or not is_done(entry, cell.key):
-        return False
-    here = {path for path, _, _ in store.laid.slots(ref)}
-    names = {variable_at(path) for path in here}
-    return any(variable_at(file.path) in names for file in entry.files if file.path not in here)
-
-
-def variable_at(path: str) -> tuple[str, str]:
-    """Stage and variable of a shard, whatever group of a shape it is in."""
-    parts = path.split("/")
-    return parts[1], parts[-2]
 
 
 def same_cells(asked: Plan, plan: Plan) -> dict[CellRef, CellRef]:

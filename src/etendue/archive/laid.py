@@ -1,6 +1,6 @@
 """A plan laid out over what an archive has: axes as they are stored, where each cell stands, and the files around the cells.
 
-In:  a plan, the axis values of earlier runs by group.
+In:  a plan; of earlier runs the axis values by group, how variables are cut, and which cells are stored.
 Out: groups, places and chunks of cells; the store in memory (``tree``).
 """
 
@@ -15,6 +15,7 @@ from etendue.archive import layout as layouts
 from etendue.archive.chunks import Chunk
 from etendue.archive.cutting import Blocks, Whereabouts, chunk_shapes, cut
 from etendue.archive.entries import Entries
+from etendue.archive.groups import Before
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, Layout, VariableLayout, layout_of
 from etendue.archive.naming import Names
 from etendue.archive.pieces import known_chunk
@@ -36,10 +37,10 @@ class Laid:
     nodes : every group and array, by path
     """
 
-    def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks) -> None:
+    def __init__(self, plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], blocks: Blocks, entries: Entries) -> None:
         self.plan = plan
-        self.layout: Layout = layout_of(plan)
         self.names = Names(plan)
+        self.layout: Layout = layout_of(plan, Before(stored, blocks, lambda ref: entries.first_file(self.names[ref])))
         self.axes: dict[str, dict[str, list[Any]]] = {}
         self.places: dict[str, list[list[int]]] = {}
         for path, group in self.layout.groups.items():

@@ -1,4 +1,4 @@
-"""Where everything stands in an archive: groups, arrays, dims and coordinates, from a plan alone.
+"""Where everything stands in an archive: groups, arrays, dims and coordinates, from a plan and what is stored already.
 
 A stage is a group; its variables have the axes that reach it in front of their own dims. Where an axis changes the
 grid, the group holds attributes only and a child for each shape, named by the shape.
@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.archive.drawing import drawing_attributes
+from etendue.archive.groups import Before, alike, groups_of
 from etendue.archive.naming import Homes, Whole
-from etendue.plan.keys import digest
+from etendue.plan.marks import not_in_it
 from etendue.plan.model import Cell, CellRef, Node, Plan
 from etendue.spec import camera
 from etendue.spec.grid import Bands, Coordinate, Labels, Line
-from etendue.spec.variables import variable
+from etendue.spec.variables import NOT_IN_IT, variable
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {
@@ -65,39 +66,39 @@ class GroupLayout:
 
 @dataclass
 class Layout:
-    """All groups of a plan, and the group of every cell."""
+    """All groups of a plan, and the group of every cell; ``moves``: what stored groups have to become."""
 
     groups: dict[str, GroupLayout]
     parents: dict[str, dict[str, Any]]
     home: Mapping[CellRef, str]
+    moves: dict[str, str] = field(default_factory=dict)
 
 
-def layout_of(plan: Plan) -> Layout:
-    """The layout of all kept variables of a plan."""
+def layout_of(plan: Plan, before: Before | None = None) -> Layout:
+    """The layout of all kept variables of a plan; ``before``: what the archive holds that it goes into."""
     groups: dict[str, GroupLayout] = {}
     parents: dict[str, dict[str, Any]] = {}
     homes: dict[str, str | dict[CellRef, str]] = {}
+    moves: dict[str, str] = {}
     for node in plan.nodes:
         kept = [v for v in node.writes if (node.name, v) in plan.kept]
         if not kept:
             continue
         cells = plan.of(node.name)
         attrs = _node_attributes(plan, node)
-        first = cells[0].grids
-        if all(cell.grids is first or cell.grids == first for cell in cells):
-            homes[node.name] = node.name
+        home, becomes = groups_of(node, cells, kept, before or Before())
+        homes[node.name] = home
+        if isinstance(home, str):
             own = {dim: list(plan.axis(dim).values) for dim in node.axes}
-            groups[node.name] = GroupLayout(node.name, node.name, own, {}, {}, Whole(cells), attrs)
-            _fill(plan, node, groups[node.name], cells, kept, cells[:1])
+            groups[home] = GroupLayout(home, node.name, own, {}, {}, Whole(cells), attrs)
+            _fill(plan, node, groups[home], cells, kept, cells[:1] if alike(cells) else cells)
             continue
         parents[node.name] = attrs
-        shapes, home = _shape_names(cells), dict[CellRef, str]()
-        homes[node.name] = home
+        moves |= {node.name: becomes} if becomes else {}
         axes = [(dim, plan.axis(dim).values) for dim in node.axes]
         found: dict[str, dict[str, dict[Any, None]]] = {}
         for cell in cells:
-            path = f"{node.name}/{shapes[cell.ref]}"
-            home[cell.ref] = path
+            path = home[cell.ref]
             if path not in groups:
                 groups[path] = GroupLayout(path, node.name, {dim: [] for dim in node.axes}, {}, {})
                 found[path] = {dim: {} for dim in node.axes}
@@ -108,7 +109,7 @@ def layout_of(plan: Plan) -> Layout:
             own_cells = [cell for cell in cells if home[cell.ref] == path]
             groups[path].cells = _places(plan, node, groups[path], own_cells)
             _fill(plan, node, groups[path], own_cells, kept, own_cells)
-    return Layout(groups, parents, Homes(plan, homes))
+    return Layout(groups, parents, Homes(plan, homes), moves)
 
 
 def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -> dict[CellRef, tuple[int, ...]]:
@@ -116,32 +117,6 @@ def _places(plan: Plan, node: Node, group: GroupLayout, cells: Sequence[Cell]) -
     at = [{value: place for place, value in enumerate(group.axes[dim])} for dim in node.axes]
     places = [[own.get(value, -1) for value in plan.axis(dim).values] for dim, own in zip(node.axes, at, strict=True)]
     return {cell.ref: tuple(own[i] for own, i in zip(places, cell.ref[1], strict=True)) for cell in cells}
-
-
-def _shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
-    """A name for the shape of each cell: cells share one that have the same sizes, wavelength bins and labels.
-
-    ``64x64`` from the sizes of y and x, behind it every other dim that differs between the cells.
-    """
-    own: dict[CellRef, dict[str, tuple[int, Coordinate | None]]] = {}
-    for cell in cells:
-        found = own.setdefault(cell.ref, {})
-        for grid in cell.grids.values():
-            for dim, coordinate in grid.entries:
-                found.setdefault(dim, (coordinate.size, None if isinstance(coordinate, Line) else coordinate))
-    first = own[cells[0].ref]
-    differ = {dim for found in own.values() for dim in found if found[dim] != first.get(dim)} - {"y", "x"}
-    names: dict[CellRef, str] = {}
-    shapes: dict[str, set[Any]] = {}
-    for ref, found in own.items():
-        plane = f"{found['y'][0]}x{found['x'][0]}" if "y" in found and "x" in found else ""
-        rest = [dim for dim in found if dim in differ or (not plane and found[dim][0] > 0)]
-        names[ref] = "_".join([*([plane] if plane else []), *(f"{dim}{found[dim][0]}" for dim in rest)]) or "scalar"
-        shapes.setdefault(names[ref], set()).add(tuple(sorted(found.items())))
-    for ref, name in names.items():
-        if len(shapes[name]) > 1:  # the same sizes with other bins or labels
-            names[ref] = f"{name}_{digest(repr(tuple(sorted(own[ref].items()))).encode())[:8]}"
-    return names
 
 
 def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kept: Sequence[str], cells: Sequence[Cell]) -> None:
@@ -160,6 +135,8 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kep
         if averaged:  # in the words of the CF conventions
             attrs["cell_methods"] = " ".join(f"{dim}: mean" for dim in averaged)
         attrs |= _flags(name, cells[0])
+        unseen = not_in_it(plan, node, name)
+        attrs |= {NOT_IN_IT: ", ".join(unseen)} if unseen else {}
         dtype = plan.precision if declaration.dtype == "float" or plan.expected else declaration.dtype
         group.variables[name] = VariableLayout(name, node.axes, dims, grid.shape(dims), dtype, attrs, variable(name).beside)
         for dim in dims:

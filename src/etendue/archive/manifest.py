@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from etendue import plain_files
 from etendue.archive import disk
+from etendue.errors import ArchiveError
 
 NAME = "manifest.json"
 DATA = "data.zarr"
@@ -40,7 +42,7 @@ class Manifest:
 def digest_of(path: Path) -> str:
     """SHA-256 of a file, '' where it cannot be read."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return plain_files.sha256(path, links=False)
     except OSError:
         return ""
 
@@ -51,11 +53,17 @@ def read_manifest(folder: Path) -> Manifest | None:
     metadata, files, journal = found.get("metadata"), found.get("files", {}), found.get("journal", "")
     if not isinstance(metadata, dict) or not isinstance(files, dict) or not isinstance(journal, str):
         return None
-    if not all(isinstance(value, str) and ".." not in path.split("/") for path, value in {**metadata, **files}.items()):
+    if not all(isinstance(value, str) and _inside(path) for path, value in {**metadata, **files}.items()):
         return None
     if found.get("sum", "") not in ("", _sum(metadata, files, journal)):
         return None
     return Manifest(metadata, files, journal)
+
+
+def _inside(path: str) -> bool:
+    """Whether a path leads to a place where an archive has files; no word of a manifest leads elsewhere."""
+    first, *rest = path.split("/")
+    return (first in disk.FOLDERS and bool(rest) and not {"", ".", ".."} & set(rest)) if rest else first in disk.FILES
 
 
 def _sum(metadata: Mapping[str, str], files: Mapping[str, str], journal: str) -> str:
@@ -73,3 +81,12 @@ def write_manifest(folder: Path, metadata: Mapping[str, bytes], durable: bool = 
     journal = digest_of(folder / "journal.jsonl")
     whole = {"metadata": digests, "files": files, "journal": journal, "sum": _sum(digests, files, journal)}
     disk.write(folder, NAME, json.dumps(whole, indent=1).encode(), durable)
+
+
+def damaged(folder: Path, paths: Sequence[str]) -> ArchiveError:
+    """What is said of files of an archive that are lost, or are not as they were written."""
+    more = f" and {len(paths) - 1} more {'file' if len(paths) == 2 else 'files'}" if len(paths) > 1 else ""
+    return ArchiveError(
+        f"{folder / paths[0]}{more} {'are missing, or not as they were' if more else 'is missing, or not as it was'} written: "
+        f"the archive is damaged. Mend it: etendue verify {folder} --repair"
+    )

@@ -172,12 +172,17 @@ class Mirror:
             return
         changed = [path for path in self.here.changed() if not is_shard(path) and path not in (JOURNAL, MANIFEST)]
         self._put(path for path in changed if not path.startswith(f"{DATA}/"))
+        self._put(path for path in changed if path == ROOT and not self.new)  # consolidated metadata would go on saying what was the case
+        with self.lock:
+            moved = list(self.going.values())
+        for one in moved:  # shards under another name: the journal names them when they are there, and their old objects go behind it
+            one.result()
+        self._say_journal((self.folder / JOURNAL).stat().st_size)  # in front of arrays that are new: it says that they are ours
         if not self.new:
-            self._put(path for path in changed if path == ROOT)  # consolidated metadata would go on saying what was the case
             for level in (2, 3):
                 self._put(path for path in changed if _order(path) == level)
             self._remove_gone()
-        self._say_journal((self.folder / JOURNAL).stat().st_size)
+            self._say_objects()
         self.here.save()
 
     def sealed(self, paths: Iterable[str]) -> None:
@@ -234,7 +239,8 @@ class Mirror:
     def _stand_in(self) -> None:
         """Shards that have gone up, and that the journal there names, give their room here back. In the thread that makes shards."""
         with self.lock:
-            large, self.said = [path for path in self.said if self.here.there[path][1] > STOOD_FOR], []
+            known, self.said = self.said, []
+            large = [path for path in known if path in self.here.there and self.here.there[path][1] > STOOD_FOR]
         forms = StoredArchive(self.folder).slots_of(large) if large else {}
         for path in large:
             tag, *state = self.here.there[path]  # of the file as it went up
@@ -261,8 +267,9 @@ class Mirror:
     def _remove_gone(self) -> None:
         gone = [path for path in self.here.gone() if path != MANIFEST]
         self.objects.delete(gone)
-        for path in gone:
-            del self.here.there[path]
+        with self.lock:
+            for path in gone:
+                del self.here.there[path]
 
     def _finish(self) -> None:
         """Everything in order: readers see the run that has ended, or the one before."""

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.archive import disk
 from etendue.errors import ArchiveInUse
 
@@ -220,7 +221,7 @@ class Parts:
 def check_owner(root: str, run_id: str) -> None:
     """Refuse to go on where the archive has another owner."""
     try:
-        owner = (Path(root) / "run.id").read_bytes()
+        owner = plain_files.content(Path(root) / "run.id", 4096, links=False)
     except FileNotFoundError:
         owner = b""
     if owner != run_id.encode():

@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,12 @@ from etendue.archive import disk
 from etendue.archive.inputs import Resolved, as_recorded
 from etendue.archive.manifest import Manifest, digest_of
 from etendue.discovery import named
+from etendue.plan.code import code_of
 from etendue.plan.keys import canonical, file_digest, parameters_for_key, version_of
-from etendue.plan.model import Plan
+from etendue.plan.model import Node, Plan
 from etendue.spec.found import Found
 
+OTHER_CODE = "its code has changed"
 LIBRARIES = ("etendue", "numpy", "scipy", "xarray", "dask", "zarr", "numcodecs", "pluggy", "colour-science", "msgspec")
 
 
@@ -66,7 +68,7 @@ def node_records(plan: Plan) -> dict[str, Any]:
             "parameters": canonical(parameters),
             "shown": {k: _plain(v) for k, v in parameters.items()},
             "precision": plan.precision,
-            "seed": plan.pipeline.seed if node.is_random else None,
+            "seed": plan.pipeline.seed if node.draws_anew else None,
             "inputs": sorted({source for bound in node.inputs for _, source, _ in bound}),
             "versions": dict(cell.versions),
         }
@@ -139,6 +141,7 @@ def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, opti
         "order": [node.name for node in plan.nodes],
         "stages": {node.name: list(node.axes) for node in plan.nodes},
         "nodes": node_records(plan),
+        "sources": sources_of(plan.nodes),
         "options": dict(options),
         "platform": platform_record(),
         "libraries": {name: version_of(name) for name in LIBRARIES},
@@ -154,7 +157,19 @@ def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:
     """Why each stage would be computed again: the field that changed, old and new."""
     if not old:
         return {}
-    return node_changes(old["nodes"], node_records(plan))
+    found = node_changes(old["nodes"], node_records(plan))
+    before = old.get("sources")
+    for node in plan.nodes:
+        if found.get(node.name) == OTHER_CODE and isinstance(before, dict):
+            other = [name for name, own in sources_of([node]).items() if before.get(name) != own]
+            found[node.name] += f": {', '.join(other[:3])}" * bool(other) + f" and {len(other) - 3} more" * (len(other) > 3)
+    return found
+
+
+def sources_of(nodes: Iterable[Node]) -> dict[str, str]:
+    """Digests, by module, of all code behind some stages."""
+    every = [code_of(one.kind).sources for node in nodes for one in node.alternatives]
+    return dict(sorted(pair for one in every for pair in one.items()))
 
 
 def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, str]:
@@ -168,7 +183,7 @@ def node_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, st
         for field in ("stage", "precision", "seed", "code", "versions"):
             if before.get(field) != after[field]:
                 shown = ("", "") if field == "code" else (f": {before.get(field)}", f" -> {after[field]}")
-                found[name] = "its code has changed" if field == "code" else field + shown[0] + shown[1]
+                found[name] = OTHER_CODE if field == "code" else field + shown[0] + shown[1]
                 break
         else:
             changed = [k for k in after["parameters"] if before["parameters"].get(k) != after["parameters"][k]]

@@ -10,6 +10,7 @@ are cut and encoded. Metadata of the store is asked only in archives that have a
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -26,7 +27,7 @@ from etendue.archive.journal import NAME, Read, read
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import Window, counts_of, joined, known_chunk, pieces_of, window_of
 from etendue.archive.shards import Place, fits, part_path, read_bytes
-from etendue.errors import ArchiveError
+from etendue.errors import ArchiveError, EtendueError
 from etendue.spec.ports import Written
 
 FINISHED = ("done", "left_out")
@@ -52,6 +53,15 @@ class Form:
     def stored(self) -> tuple[int, ...]:
         """The shape of a chunk as it is decoded."""
         return self.chunk if self.pieces > 1 else self.shape
+
+    @property
+    def most_bytes(self) -> int:
+        """What a chunk may take: its numbers, and a little that a codec writes around what it cannot make smaller."""
+        try:
+            size = np.dtype(self.dtype).itemsize
+        except TypeError:
+            size = 16
+        return prod(self.stored) * size * 17 // 16 + 4096
 
     @property
     def slots(self) -> int:
@@ -122,10 +132,10 @@ class StoredArchive:
     held : by name, also those that a run was about to replace: their chunks are there until it does
     """
 
-    def __init__(self, folder: Path, journal: Read | None = None) -> None:
+    def __init__(self, folder: Path, journal: Read | None = None, linked: frozenset[str] = frozenset()) -> None:
         self.folder = folder
         self.journal: Read = read(folder / NAME) if journal is None else journal
-        self.finder = Finder(folder, self.journal)
+        self.finder = Finder(folder, self.journal, linked)
         self._forms: dict[tuple[str, str], Form] = {}
 
     @cached_property
@@ -182,6 +192,10 @@ class StoredArchive:
         )
 
     def _damage(self, chunk: StoredChunk, place: Place) -> str:
+        if self.finder.behind_link(place.file):
+            return "missing"
+        if place.size > chunk.form.most_bytes:
+            return f"it is said to be {place.size} bytes long, more than its numbers are"
         try:
             data = read_bytes(self.folder, place)
         except OSError:
@@ -250,6 +264,27 @@ class StoredArchive:
             return Form(str(document["data_type"]), own, CODEC, (1,) * axes, tuple(max(n, 1) for n in cut))
         except (AssertionError, KeyError, TypeError, IndexError):
             raise ArchiveError(f"{self.folder / DATA / path}: nothing readable says what its chunks are") from None
+
+
+@contextmanager
+def metadata_of(folder: Path) -> Iterator[None]:
+    """Around a library that reads the metadata of a store: where it breaks off, somebody has written what no run writes.
+
+    Raises
+    ------
+    ArchiveError
+        It breaks off.
+    """
+    try:
+        yield
+    except (EtendueError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        text = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ArchiveError(
+            f"{folder / DATA}: its metadata says what no run writes ({text}). What is changed is found by etendue verify {folder}, "
+            f"and by etendue reproduce {folder} where digests were made anew"
+        ) from error
 
 
 def open_archive(folder: Path) -> StoredArchive:

@@ -96,7 +96,7 @@ def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int
     OSError
         There is no such file.
     """
-    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         size, length = os.fstat(handle).st_size, index_size(slots)
         if not slots:
@@ -112,6 +112,9 @@ def read_index(path: Path, slots: int) -> tuple[int, Mapping[int, tuple[int, int
 
 
 # -- what is in one ---------------------------------------------------------------------------------------------------
+
+
+LARGEST_CHUNK = 1 << 31  # bytes; Blosc takes no more
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +166,10 @@ def fits(data: bytes, place: Place) -> bool:
 
 
 def read_bytes(root: Path, place: Place) -> bytes:
-    """What stands in the place of a chunk; fewer bytes where the file ends before."""
-    handle = os.open(root / place.file, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    """What stands in the place of a chunk; fewer bytes where the file ends before, none where no chunk can be as large."""
+    if place.size > LARGEST_CHUNK:
+        return b""
+    handle = os.open(root / place.file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         if standins.is_stand_in(handle):
             return standins.read(root, place.file, handle, place.offset, place.size)

@@ -81,7 +81,7 @@ def _window(store: Objects, name: str, path: str, state: os.stat_result, start: 
 
 def opened(root: Path, path: str) -> int:
     """A handle to a shard that holds its bytes: they are fetched first where they lie elsewhere."""
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     handle = os.open(root / path, flags)
     if is_stand_in(handle):
         os.close(handle)

@@ -29,7 +29,7 @@ from etendue.archive.accepting import Former, accepted
 from etendue.archive.behind import behind
 from etendue.archive.blocks import Blocks, Slots, Stored
 from etendue.archive.chunks import CellFiles
-from etendue.archive.clearing import CHUNK, half_written, nodes_on_disk, remove_node, sweep
+from etendue.archive.clearing import CHUNK, dims_on_disk, half_written, nodes_on_disk, remove_node, sweep
 from etendue.archive.entries import Entry
 from etendue.archive.finding import Finder
 from etendue.archive.frames import FRAMES
@@ -140,7 +140,7 @@ class Archive:
                 f"{self.folder} has a file for every cell, as earlier versions wrote it: it can be looked at, and nothing can be added. "
                 f"Make one of the present form of it: etendue compact {self.folder} {self.folder.name}-2"
             )
-        self.plan, self.laid = plan, Laid(plan, self.journal.axes, self.journal.blocks)
+        self.plan, self.laid = plan, Laid(plan, self.journal.axes, self.journal.blocks, self.journal.entries)
         self.finder = Finder(self.folder, self.journal)
         self.blocks = Blocks(self.folder, self.journal, self.finder, self.durable)
         self.layout, self.names, self.nodes = self.laid.layout, self.laid.names, self.laid.nodes
@@ -225,8 +225,8 @@ class Archive:
         journal, known = self.journal, self.manifest
         if known is None or self.mended or journal.torn or not self.recorded or known.changed(self.folder):
             return False
-        others = {node for node in self.ours - self.nodes if node.split("/")[0] not in TABLES}
-        if journal.axes != self.laid.axes or journal.blocks != self.laid.blocks or others:
+        others = {node for node in self.ours - self.nodes if node.split("/")[0] not in TABLES and self.listing.has(f"{DATA}/{node}/{ROOT}")}
+        if journal.axes != self.laid.axes or {group: journal.blocks.get(group) for group in journal.axes} != self.laid.blocks or others:
             return False
         if half_written(self.listing):
             return False
@@ -261,7 +261,7 @@ class Archive:
         """What differs from the manifest, or is no document: nobody who knows the archive has written it so."""
         known = self.manifest.metadata if self.manifest else {}
         found: dict[str, None] = {}
-        for path in known or [f"{DATA}/{path}" for path in self.tree.held]:
+        for path in known or [f"{DATA}/{path}" for path in self.tree.held if path.endswith(ROOT)]:
             own = path.removeprefix(f"{DATA}/")
             if own in self.tree.held or own.split("/")[0] in TABLES:
                 data = disk.content_of(self.folder / path)
@@ -304,6 +304,9 @@ class Archive:
                 remove_node(self.folder, self.listing, node)
         files = self.tree.files()
         for path, group in self.layout.groups.items():
+            for name, coordinate in group.coordinates.items():
+                if dims_on_disk(self.listing, f"{path}/{name}") not in (0, len(coordinate.dims)):  # files where there will be folders
+                    remove_node(self.folder, self.listing, f"{path}/{name}")
             for name in group.variables:
                 folder = f"{DATA}/{path}/{name}"
                 old = disk.read_document(self.folder / folder / ROOT)

@@ -26,6 +26,7 @@ from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
 from etendue.errors import ArchiveError
+from etendue.plain_files import LARGEST
 
 LEDGER = "ledger"
 
@@ -90,12 +91,20 @@ class StoredArrays:
             raise ArchiveError(f"{path}: {error}") from None
 
 
+def _whole(array: Any) -> Any:
+    """All of an array that stands for axes, status or a table: as large as what is read of it, whatever its metadata says."""
+    if array.nbytes > LARGEST:
+        raise ArchiveError(f"{array.name} is said to have the shape {array.shape}, more than an archive's axes and tables have")
+    return array[...]
+
+
 class Stored:
     """An archive opened for reading alone. Nothing of it is changed."""
 
-    def __init__(self, folder: Path, check_links: bool = True, journal: Read | None = None) -> None:
+    def __init__(self, folder: Path, journal: Read | None = None, linked: frozenset[str] | None = None) -> None:
         self.folder = folder
-        self.archive = open_archive(folder) if check_links and journal is None else StoredArchive(folder, journal)
+        alone = journal is None and linked is None  # else who asks has looked for links, and says where they are
+        self.archive = open_archive(folder) if alone else StoredArchive(folder, journal, linked or frozenset())
 
     @property
     def journal(self) -> Read:
@@ -131,7 +140,7 @@ class Stored:
                 path for node in (*dims, "status") for path in self._files(group, node) if node != "status" or path.endswith("zarr.json")
             }
             if all(f"{group}/{dim}" in self.nodes for dim in dims) and self._hold(shown):
-                arrays = {dim: zarr.open_array(str(self._path(group, dim)), mode="r")[...] for dim in dims}
+                arrays = {dim: _whole(zarr.open_array(str(self._path(group, dim)), mode="r")) for dim in dims}
                 found[group] = {dim: np.asarray(array).tolist() for dim, array in arrays.items()}
         return found
 
@@ -142,7 +151,7 @@ class Stored:
         for group, axes in self.axes().items():
             if not self._hold(self._files(group, "status")):
                 continue
-            status = np.asarray(zarr.open_array(str(self._path(group, "status")), mode="r")[...])
+            status = np.asarray(_whole(zarr.open_array(str(self._path(group, "status")), mode="r")))
             for place in np.argwhere(np.isin(status, [STATUS.index(one) for one in FINISHED])):
                 labels = {dim: values[at] for at, (dim, values) in zip(place, axes.items(), strict=True)}
                 yield group, cell_label(group.split("/")[0], labels)
@@ -154,7 +163,7 @@ class Stored:
         columns = ("stage", "key", "status", "clipped", "clipped_flux")
         if any(f"{LEDGER}/{name}" not in self.nodes or not self._hold(self._files(LEDGER, name)) for name in columns):
             return None
-        rows = [np.asarray(zarr.open_array(str(self._path(LEDGER, name)), mode="r")[...]).tolist() for name in columns]
+        rows = [np.asarray(_whole(zarr.open_array(str(self._path(LEDGER, name)), mode="r"))).tolist() for name in columns]
         return set(zip(*rows, strict=True))
 
     def _path(self, *parts: str) -> Path:
@@ -164,7 +173,9 @@ class Stored:
         return [path for path in (self.manifest.metadata if self.manifest else ()) if path.startswith(f"{DATA}/{group}/{name}/")]
 
     def _hold(self, paths: Iterable[str]) -> bool:
-        return self.manifest is not None and all(self.manifest.metadata[path] == digest_of(self.folder / path) for path in paths)
+        return self.manifest is not None and all(
+            self.manifest.metadata[path] == digest_of(self.folder / path) and not self.archive.finder.behind_link(path) for path in paths
+        )
 
     def odd(self) -> list[str]:
         """Files of chunks that are missing, or whose size or index is not as they were put in their places; no chunk is read."""

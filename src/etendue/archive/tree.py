@@ -15,6 +15,7 @@ import numpy as np
 
 from etendue.archive.chunks import CODEC, encode
 from etendue.archive.metadata import TEXT, array_node, consolidated, document, group_node, text_chunk
+from etendue.process import unwarned
 
 ROOT = "zarr.json"
 
@@ -73,16 +74,13 @@ class Tree:
 
 def _consolidated(files: Mapping[str, bytes]) -> bytes:
     """By zarr, which knows what to make of metadata that others have written; its import is not paid for without them."""
-    import warnings
-
     import zarr
     from zarr.core.buffer import default_buffer_prototype
     from zarr.storage import MemoryStore
 
     make = default_buffer_prototype().buffer.from_bytes
     held = {path: make(data) for path, data in files.items() if path.endswith(ROOT)}
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*[Cc]onsolidated metadata.*")
+    with unwarned("consolidated metadata"):
         zarr.consolidate_metadata(MemoryStore(store_dict=held))
     whole: bytes = held[ROOT].to_bytes()
     return whole

@@ -9,13 +9,16 @@ manifest against itself, inputs against their names. What nothing vouches for (b
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.archive import disk, remembered
 from etendue.archive.again import every_record
 from etendue.archive.inputs import digest_now
@@ -96,7 +99,7 @@ def verify(folder: Path, told: Told = lambda done, total: None) -> Verified:
     odd: dict[str, str] = {}
     listing = disk.Listing(folder, odd)
     found.damages += [Damage("odd", path, what) for path, what in odd.items()]
-    if not (folder / DATA).is_dir():
+    if DATA in odd or not (folder / DATA).is_dir():
         found.damages += [Damage("missing", DATA, "missing")] if DATA not in odd else []
         return found
     if not (folder / JOURNAL).is_file():
@@ -114,13 +117,14 @@ class _Look:
 
     def __init__(self, folder: Path, listing: disk.Listing, found: Verified, told: Told, odd: set[str]) -> None:
         self.folder, self.listing, self.found, self.told, self.odd = folder, listing, found, told, odd
-        self.stored = Stored(folder, check_links=False)
+        self.stored = Stored(folder, linked=frozenset(odd))
         self.known = self.stored.manifest
         self.expected: set[str] = set()  # files of the store that are named
         self.lines_lost = False
         own = [c for cell in self.stored.archive.held.values() for c in cell.chunks if self.stored.keeps(c.group, c.variable)]
         files = {**self.known.metadata, **self.known.files} if self.known else {}
-        self.total = sum(c.written.size for c in own) + sum(_size(folder / path) for path in files)
+        self.sizes = {path: _size(f"{folder}/{path}") for path in files}
+        self.total = sum(c.written.size for c in own) + sum(filter(None, self.sizes.values()))
 
     def _read(self, count: int) -> None:
         self.found.bytes += count
@@ -140,7 +144,7 @@ class _Look:
             self.lines_lost = True
             yield from self._forgotten()
             return
-        self._read(_size(self.folder / JOURNAL))
+        self._read(_size(self.folder / JOURNAL) or 0)
         if journal.damaged:
             lost.append(f"{journal.damaged} of its lines are not as they were written")
         if journal.torn:
@@ -171,13 +175,17 @@ class _Look:
 
     def _held(self, path: str, known: str, array: str = "") -> Iterator[Damage]:
         """A file against its digest."""
-        self._read(_size(self.folder / path))
+        if self.stored.archive.finder.behind_link(path):
+            yield Damage("missing", path, "missing", array)
+            return
+        if self.sizes[path] is None:
+            yield Damage("missing", path, "missing", array)
+            return
+        self._read(self.sizes[path] or 0)
         if digest_of(self.folder / path) == known:
             return
         if (self.folder / path).is_dir():
             yield Damage("odd", path, "a folder stands in its place", array)
-        elif not (self.folder / path).exists():
-            yield Damage("missing", path, "missing", array)
         else:
             yield Damage("changed", path, "not as it was written", array)
 
@@ -223,10 +231,12 @@ class _Look:
     # -- files beside the store ---------------------------------------------------------------------------------------
 
     def inputs(self) -> Iterator[Damage]:
-        wanted = {name for run in every_record(self.folder) for name in run.inputs}
+        ours = self.known.files if self.known else None  # a record that no run has written has nothing to say
+        runs = every_record(self.folder, ours) if "runs" not in self.odd else ()
+        wanted = {name for run in runs for name in run.inputs}
         wanted |= {name for text in self.stored.journal.records.values() for name in re.findall(r"\.\./inputs/([0-9a-f]{64}[\w.]*)", text)}
         place = self.folder / "inputs"
-        there = {path.name for path in place.iterdir()} if place.is_dir() else set()
+        there = {path.name for path in place.iterdir()} if place.is_dir() and "inputs" not in self.odd else set()
         for name in sorted(wanted):
             path = f"inputs/{name}"
             if path in self.odd:
@@ -241,7 +251,9 @@ class _Look:
 
     def _input(self, path: str, name: str) -> Iterator[Damage]:
         whole = self.folder / path
-        self._read(sum(_size(p) for p in whole.rglob("*")) if whole.is_dir() else _size(whole))
+        if any(own.startswith(f"{path}/") for own in self.odd):
+            return  # what is odd in it is named
+        self._read(sum(_size(p) or 0 for p in ([whole, *whole.rglob("*")] if whole.is_dir() else [whole])))
         try:
             same = digest_now(whole) == name[:64]
         except OSError:
@@ -252,7 +264,7 @@ class _Look:
     def records(self) -> Iterator[Damage]:
         kept, place = self.stored.journal.records, self.folder / "runs"
         files = self.known.files if self.known else {}
-        there = {f"runs/{path.name}" for path in place.iterdir()} if place.is_dir() else set()
+        there = {f"runs/{path.name}" for path in place.iterdir()} if place.is_dir() and "runs" not in self.odd else set()
         for path, text in kept.items():
             if path not in files and not _same(self.folder / path, text):
                 yield Damage("changed" if path in there else "missing", path, "not as the journal has it")
@@ -330,16 +342,18 @@ def _array(path: str) -> str:
     return re.sub(r"/(zarr\.json|c([/.][\d./]*)?|\.c\..*)$", "", path.removeprefix(f"{DATA}/"))
 
 
-def _size(path: Path) -> int:
+def _size(path: str | Path) -> int | None:
+    """Bytes of what stands there, 0 of a folder; None where nothing does."""
     try:
-        return path.lstat().st_size if not path.is_dir() else 0
+        state = os.lstat(path)
     except OSError:
-        return 0
+        return None
+    return 0 if stat.S_ISDIR(state.st_mode) else state.st_size
 
 
 def _content(path: Path) -> bytes | None:
     try:
-        return path.read_bytes()
+        return plain_files.content(path, links=False)
     except OSError:
         return None
 

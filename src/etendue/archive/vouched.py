@@ -30,7 +30,7 @@ from zarr.storage import LocalStore, WrapperStore
 from etendue.archive import disk, reading
 from etendue.archive.chunks import decode
 from etendue.archive.layout import STATUS
-from etendue.archive.manifest import DATA, digest_of, read_manifest
+from etendue.archive.manifest import DATA, damaged, digest_of, read_manifest
 from etendue.archive.naming import cell_label
 from etendue.archive.owner import is_running
 from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
@@ -58,7 +58,8 @@ def open_archive(folder: str | Path) -> xarray.DataTree:
     if store.root is None:
         store.hold(f"{DATA}/{ROOT}", None)
         raise ArchiveError(f"{folder}: nothing of it can be read yet; its run has only begun")
-    tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
+    with reading.metadata_of(folder):
+        tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
     tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray says it of a path
     return tree
 
@@ -150,10 +151,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             return
         now = read_manifest(self.folder)  # None: another run has begun, and what it changes is its own
         if now is not None and digest_of(self.folder / path) != now.metadata.get(path, ""):
-            raise ArchiveError(
-                f"{self.folder / path} is missing, or not as it was written: the archive is damaged. "
-                f"Mend it: etendue verify {self.folder} --repair"
-            )
+            raise damaged(self.folder, [path])
 
     # -- chunks of cells ----------------------------------------------------------------------------------------------
 

@@ -6,12 +6,15 @@ Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
 
 from __future__ import annotations
 
+import math
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from etendue import plain_files
 from etendue.errors import RequestError, nearest
 from etendue.importing.cube import Cube, needed
 
@@ -20,11 +23,14 @@ WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
 
 def numpy_array(path: Path, variable: str) -> Cube:
     """``.npy``: one array, no names."""
-    return Cube(np.load(path, allow_pickle=False))
+    return Cube(np.array(np.load(path, mmap_mode="r", allow_pickle=False)))  # a file that is shorter than it says is refused at once
 
 
 def numpy_arrays(path: Path, variable: str) -> Cube:
     """``.npz``: the one array of three axes, and wavelengths by their name."""
+    with zipfile.ZipFile(path) as parts:
+        for part in parts.infolist():
+            plain_files.refuse_unfolding(part.file_size, part.compress_size, part.filename)
     with np.load(path, allow_pickle=False) as file:
         return chosen({name: file[name] for name in file.files}, variable, str(path))
 
@@ -41,6 +47,8 @@ def matlab(path: Path, variable: str) -> Cube:
     import scipy
 
     try:
+        size = sum(math.prod(shape) * 8 for _, shape, _ in scipy.io.whosmat(path))
+        plain_files.refuse_unfolding(size, path.stat().st_size, "it")
         held: Mapping[str, Any] = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:  # version 7.3 is HDF5, whose axes MATLAB writes in reverse
         h5py = needed("h5py", f"{path} (MATLAB 7.3)")
@@ -86,8 +94,17 @@ def spectral(values: Any, wavelength: Any) -> Cube:
 
 
 def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
+    """All numbers of a file itself; what it names in other files is refused."""
     found: dict[str, Any] = {}
-    file.visititems(lambda name, one: found.update({name: one[()]}) if isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu" else None)
+
+    def take(name: str, one: Any) -> None:
+        if isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu":
+            if one.is_virtual or one.external:
+                raise RequestError(f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or h5py")
+            plain_files.refuse_unfolding(one.size * one.dtype.itemsize, one.id.get_storage_size(), name)
+            found[name] = one[()]
+
+    file.visititems(take)
     return found
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue import plain_files
 from etendue.errors import RequestError, nearest
 
 RADIANCE = "W m-2 sr-1 nm-1"
@@ -63,6 +64,7 @@ def read_cube(path: Path, variable: str = "") -> Cube:
         raise RequestError(f"there is no file {path}{nearest(path.name, names)}")
     reader = _reader(path)
     try:
+        plain_files.check_plain(path)
         cube = reader(path, variable)
     except RequestError:
         raise
