@@ -126,6 +126,7 @@ def test_every_smooth_table_is_what_the_interpolator_of_the_library_gives():
             assert values.tobytes() == np.stack(curves, axis=-1).reshape(values.shape).tobytes()
 
 
+@pytest.mark.bits
 def test_the_shipped_file_is_what_the_command_makes_now():
     data = (files("etendue") / "data" / "spectra.npz").read_bytes()
     assert shipped.packed(shipped.made()) == data
@@ -147,6 +148,10 @@ def test_where_another_version_of_the_library_is_installed_its_tables_are_taken_
         kept.write_bytes(kept.read_bytes()[:5000])
     assert_array_equal(original()["illuminant/rows"], theirs["illuminant/rows"])
     assert asked == ["made", "made"]
+    (tmp_path / "authority.py").write_text("edited")
+    monkeypatch.setattr(authority, "__file__", str(tmp_path / "authority.py"))
+    original()
+    assert asked == ["made", "made", "made"]  # what other code has made is not taken
 
 
 def test_a_name_beyond_the_shipped_ones_is_asked_of_the_library(monkeypatch):

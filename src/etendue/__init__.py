@@ -40,6 +40,12 @@ class _Package(ModuleType):
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *__all__})
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent to another process by name, as every module: what a function in a notebook uses goes with it."""
+        from importlib import import_module
+
+        return import_module, (self.__name__,)
+
     @property
     def stages(self) -> Any:
         """Installed stages as functions that place them in a pipeline."""

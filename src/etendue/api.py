@@ -7,7 +7,20 @@ from etendue.errors import EtendueError, Fault, PluginError, RequestError
 from etendue.hookspecs import hookimpl
 from etendue.labelled import labelled
 from etendue.spec.camera import quantity
-from etendue.spec.capabilities import Banded, Bounded, Haloed, Probe, Sampled, Source, Summed, Transfer, Viewed, moves_light
+from etendue.spec.capabilities import (
+    Banded,
+    Bounded,
+    ChannelTransfer,
+    Haloed,
+    Probe,
+    Sampled,
+    Source,
+    Summed,
+    Tinting,
+    Transfer,
+    Viewed,
+    moves_light,
+)
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import ends
 from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
@@ -17,10 +30,10 @@ from etendue.spec.stage import Stage, file_state
 from etendue.spec.stated import fitted, measured, proved
 
 __all__ = [
-    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "Datasheet", "Displaying", "EdgeScene", "EtendueError", "Facts", "Fault",
-    "FlatScene", "Grid", "Haloed", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Scaled",
-    "Source", "Stage", "Summed", "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured",
-    "moves_light", "param", "proved", "quantity",
+    "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "ChannelTransfer", "Datasheet", "Displaying", "EdgeScene", "EtendueError",
+    "Facts", "Fault", "FlatScene", "Grid", "Haloed", "InSilicon", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError",
+    "Sampled", "Scaled", "Source", "Stage", "Summed", "Tinting", "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl",
+    "labelled", "measured", "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip
 
 

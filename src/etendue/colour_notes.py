@@ -56,7 +56,12 @@ def exif_note(exif: Any, info: Any) -> str:
     if info.get("icc_profile"):
         return ""
     own = exif.get_ifd(EXIF_IFD)
-    index = (own.get(INTEROPERABILITY) if isinstance(own.get(INTEROPERABILITY), dict) else exif.get_ifd(INTEROPERABILITY)) or {}
+    index = own.get(INTEROPERABILITY)
+    if not isinstance(index, dict):
+        try:
+            index = exif.get_ifd(INTEROPERABILITY)
+        except KeyError:  # where a file has none, until Pillow 12
+            index = {}
     adobe = own.get(COLOUR_SPACE) == ADOBE or str(index.get(1, "")).startswith("R03")
     return not_applied("its colour space (Adobe RGB)") if adobe else ""
 

@@ -21,6 +21,7 @@ import pluggy
 from etendue import hookspecs
 from etendue.errors import PluginError, nearest
 from etendue.interrupts import is_ours
+from etendue.process import FOLDER
 from etendue.telling import here, said
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ class Brought:
 @contextmanager
 def foreign(what: str) -> Iterator[None]:
     """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is put back."""
-    folder = here()
+    who, folder = FOLDER.begin()
     try:
         yield
     except BaseException as error:  # a module that ends the process at import is broken like any other
@@ -56,6 +57,7 @@ def foreign(what: str) -> Iterator[None]:
             raise
         raise PluginError(f"{what}: {' '.join(said(error).split())[:300]}") from error
     finally:
+        FOLDER.end(who)
         if folder and here() != folder:  # the rest of a request is read where it was made
             os.chdir(folder)
 
@@ -106,7 +108,9 @@ class Discovery:
     def missed(self, what: str, name: str) -> str:
         """'; ...' with what may be the reason that nobody brings a name: a manifest that is broken, or of the form of earlier versions."""
         former = [point for point in self._former if point.name == name] if what == "stages" else []
-        said = [_former_text(point) for point in former[:1]] or [text for (_, _, of), text in self._broken.items() if of in ("", what)]
+        said = [_former_text(point) for point in former[:1]] or [
+            text for (_, _, of), text in list(self._broken.items()) if of in ("", what)
+        ]
         return "".join(f"; {text}" for text in dict.fromkeys(said))
 
     def notes(self) -> list[str]:
@@ -136,7 +140,8 @@ class Discovery:
         if broken in self._broken:
             raise PluginError(self._broken[broken])
         plugin = f"{origin} {point.value}"
-        known: ModuleType | None = self._manager.get_plugin(plugin)
+        with self._lock:  # not while its hooks are being registered
+            known: ModuleType | None = self._manager.get_plugin(plugin)
         if known is not None:
             return known
         module: Any = None

@@ -83,8 +83,8 @@ def leave() -> None:
 
 
 def check() -> None:
-    """Raise ``Interrupted`` if a signal was noted."""
-    if _State.noted and _State.holding:
+    """Raise ``Interrupted`` if a signal was noted. In somebody else's process it is the main thread's: other threads go on."""
+    if _State.noted and _State.holding and (_State.owner or threading.current_thread() is threading.main_thread()):
         raise Interrupted(_State.noted)
 
 

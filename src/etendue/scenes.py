@@ -7,7 +7,6 @@ Out: a ``Spectrum``, every figure rounded up to three digits.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from etendue.coordinates import coordinates_of
 from etendue.errors import EtendueError
 from etendue.physics.light import scene_spectrum
+from etendue.process import unwarned
 from etendue.spec.bounds import MOST_VALUES
 from etendue.spec.capabilities import Banded, Source
 from etendue.spec.facts import Spectrum
@@ -36,8 +36,7 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
     """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, where it is too
     large to be looked at (17 million samples a band), and where it cannot be made: the run says why."""
     try:
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with np.errstate(all="ignore"), unwarned():
             return _looked_at(source, grids)
     except (EtendueError, ValueError, OSError, MemoryError, FloatingPointError):
         return None

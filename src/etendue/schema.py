@@ -48,7 +48,7 @@ def schema(registry: Registry) -> dict[str, Any]:
         "properties": {
             "name": {"type": "string", "minLength": 1, "maxLength": LONGEST, "pattern": r"^[^/\\.\-\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]*$"},
             "description": {"type": "string"},
-            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of all random numbers"},
+            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of noise; fixed patterns follow sensor_serial"},
             "tolerance": {
                 "type": "number", "minimum": 0, "exclusiveMaximum": 1, "default": 1e-4,
                 "description": "what each approximation or omission may add to its stage's output, relative to full scale",

@@ -26,10 +26,13 @@ from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
-from etendue.run.memory import keep_freed_memory, without_collecting
+from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, keep_freed_memory
+from etendue.run.one_thread import ONE_THREAD
 from etendue.run.serial import run_serial
+from etendue.run.tables import TABLES
 from etendue.run.watch import Stop, watched
-from etendue.spec.pipeline import Pipeline, from_document, parse_pipeline, read_pipeline
+from etendue.spec.overrides import TOP, apply_overrides
+from etendue.spec.pipeline import Pipeline, Source, from_document, overridden, parse_pipeline, read_pipeline, refuse_large
 from etendue.spec.ports import CellReport, Keeper, Progress
 
 
@@ -46,6 +49,7 @@ class Options:
     batch_seconds: float = 0.1
     pictures: bool = True  # without an archive: whether a cell of every stage is drawn
     cell_timeout: float | None = None  # seconds after which a cell is stopped and has failed; processes and clusters only
+    most_cells: int | None = None  # of a pipeline that an archive has recorded: more than its own reader allows are refused
     restore: frozenset[str] | None = None  # of a repair: the names of cells of earlier runs that an archive must have too
 
 
@@ -109,12 +113,15 @@ class _Silent:
     def end(self) -> None: ...
 
 
-def load(source: str | Path | Mapping[str, Any] | Pipeline, overrides: Mapping[str, Any] | None = None) -> Pipeline:
-    """A pipeline from a file, TOML text or mapping."""
-    if isinstance(source, Pipeline):
-        return source
+def load(source: str | Path | Mapping[str, Any] | Source, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+    """A pipeline from a file, TOML text or mapping, or one that was read or written in Python."""
+    if isinstance(source, Source):
+        return overridden(source.written(), overrides) if overrides else source.written()
     if isinstance(source, Mapping):
-        return from_document(source)
+        refuse_large(source)  # before it is copied, level by level
+        document = copy.deepcopy(dict(source))  # what the caller gave stays as it is, also for the next call
+        apply_overrides(document, overrides or {})
+        return from_document(document)
     if isinstance(source, str) and "\n" in source:
         return parse_pipeline(source, overrides=overrides)
     return read_pipeline(Path(source), overrides)
@@ -151,7 +158,8 @@ def execute(
 
     if archive is not None:
         from etendue.archive import keeper  # noqa: F401
-    with interrupts.held(), without_collecting():  # signals are answered where nothing is torn
+    TREES_OUT.collect()
+    with interrupts.held(), SELDOM_COLLECTING:  # signals are answered where nothing is torn
         check_machine(plan, Path(archive) if archive is not None else None)
         return _execute(plan, into or _keeper(archive, options), options, progress)
 
@@ -223,6 +231,8 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         tree, files = keeper.close(tabled(), sheet, reports.count(FAILED) > 0)
     reports.reuse(ref for ref in earlier if ref in reports)
     restored = _restored(work, reports) if options.restore else 0
+    if tree is not None:
+        TREES_OUT.hand_out(tree, tree.nbytes)
     return Outcome(  # in terms of what was asked for; values of earlier runs beside it are the keeper's affair
         plan, reports.of(plan, work.cells),
         {ref for ref, own in work.cells.items() if own in work.reused}, time.perf_counter() - began, work.reasons, keeper.folder, tree,
@@ -267,7 +277,7 @@ def collect(
         progress.finished(result.reports)
         result.kept, result.reports = {}, ()
 
-    with interrupts.held(), without_collecting():
+    with interrupts.held(), SELDOM_COLLECTING:
         alone = replace(plan, kept=frozenset())
         jobs = make_jobs(alone, ancestry(alone, chosen), lambda cell: None, show=frozenset(chosen))
         progress.begin(len(jobs))
@@ -298,10 +308,8 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
 
 
 def _run(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None) -> None:
-    from threadpoolctl import threadpool_limits
-
     keep_freed_memory()
-    with threadpool_limits(1):  # the results must not depend on how many threads a library would like
+    with ONE_THREAD, TABLES.run():
         if options.scheduler == "serial":
             watched(lambda: run_serial(batches, deliver, before, after, stop), stop)
             return
@@ -328,7 +336,7 @@ def check_timeout(options: Options) -> None:
 
 
 def simulate(
-    pipeline: str | Path | Mapping[str, Any] | Pipeline,
+    pipeline: str | Path | Mapping[str, Any] | Source,
     *,
     archive: str | Path | None = None,
     want: Iterable[str] | None = None,
@@ -341,12 +349,12 @@ def simulate(
 
     Parameters
     ----------
-    pipeline : path, TOML text, or mapping
+    pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
     archive : folder, or s3://bucket/prefix/name, to keep and resume; or None to stay in memory
     want : variables to compute, instead of the file's ``wanted``
     scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
     leave_out : whether what the scene does not need may be left out
-    **parameters : camera quantities by name, ``stage__parameter`` for others; a list makes a sweep axis
+    **parameters : camera quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
 
     Raises
     ------
@@ -361,25 +369,18 @@ def simulate(
     """
     overrides: dict[str, Any] = {}
     for name, value in parameters.items():
-        key = name.replace("__", ".") if "__" in name else name
+        key = name.replace("__", ".")
         if hasattr(value, "tolist"):
             value = value.tolist()
-        if isinstance(value, list | tuple | dict):
+        if key in TOP:
+            overrides[key] = value
+        elif isinstance(value, list | tuple | dict):
             overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
         else:
             overrides[key if "." in key else f"camera.{key}"] = value
     if want is not None:
         overrides["wanted"] = list(want)
-    if isinstance(pipeline, Mapping):
-        from etendue.spec.pipeline import apply_overrides, refuse_large
-
-        refuse_large(pipeline)  # before it is copied, level by level
-        document = copy.deepcopy(dict(pipeline))  # what the caller gave stays as it is, also for the next call
-        apply_overrides(document, overrides)
-        made = from_document(document)
-    else:
-        made = load(pipeline, overrides)
-    plan = planner.make_plan(made, installed_stages(), leave_out)
+    plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)
     outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
     if outcome.failed:
         first = outcome.failed[0]

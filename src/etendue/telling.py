@@ -18,7 +18,9 @@ from etendue.interrupts import is_ours
 
 MOST_LINES = 20
 LONGEST_LINE = 500
+WIDEST, LONGEST_SAID = 200, 1500
 FRAMES = 3
+_PACKAGE = os.path.join(os.path.dirname(os.path.realpath(__file__)), "")
 _BIDI = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u2028\u2029")
 _PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\[\]]+)+/?")
 
@@ -43,6 +45,20 @@ def plain(text: str) -> str:
     if whole > MOST_LINES:  # the last line says most
         last = text.strip("\n").rpartition("\n")[2][:LONGEST_LINE]
         lines = [*lines[: MOST_LINES - 2], f"... ({whole - MOST_LINES + 1} more lines)", without_folders(printable(last))]
+    return "\n".join(lines)
+
+
+def refusal(text: str) -> str:
+    """What a command says of an error: no more than 20 lines of 200 characters hold, of a long line its beginning."""
+    lines: list[str] = []
+    room = MOST_LINES - 1
+    whole = printable(text).strip("\n").split("\n")
+    for number, line in enumerate(whole):
+        short = line if len(line) <= LONGEST_SAID else f"{line[:LONGEST_SAID]}... ({len(line)} characters)"
+        room -= 1 + len(short) // WIDEST
+        if room < 0:
+            return "\n".join([*lines, f"... and {len(whole) - number} lines more"])
+        lines.append(short)
     return "\n".join(lines)
 
 
@@ -117,11 +133,11 @@ class foreign:
 
 
 def where(error: BaseException) -> str:
-    """'file.py:12, ' where an exception was raised, in the innermost code that is neither ours nor a library's if there is one."""
+    """'file.py:12, ' where an exception was raised, in the innermost code that is not this package's; '' where there is none."""
     trace, found = error.__traceback__, ""
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename
-        if not file.startswith("<") and f"{os.sep}etendue{os.sep}" not in file:
+        if not file.startswith("<") and not os.path.realpath(file).startswith(_PACKAGE):
             found = f"{os.path.basename(file)}:{trace.tb_lineno}, "
         trace = trace.tb_next
     return found

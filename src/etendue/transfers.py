@@ -1,7 +1,8 @@
 """The product of the transfer functions of some stages: the one place where a stage's ``transfer`` is asked.
 
 In:  stages in the order of the light, wavelength bins, what each stage has prepared.
-Out: their product at separable frequencies, for all bands or some of them.
+Out: their product at separable frequencies, for all bands or some of them; of channels the mean over wavelength, with the charge that moves
+     between them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from etendue.errors import PluginError
-from etendue.spec.capabilities import Summed, Transfer
+from etendue.spec.capabilities import ChannelTransfer, Summed, Transfer
 from etendue.spec.grid import Bands
 from etendue.spec.stage import Stage
 from etendue.telling import foreign
@@ -77,6 +78,43 @@ def asked(stage: Transfer, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> 
     if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
         raise PluginError(f"{name} gave shape {found.shape}, but was asked for {shape}")
     return found.reshape((1,) * (3 - found.ndim) + found.shape)
+
+
+def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+    """``stage.channel_transfer`` as (channel, channel, m, n) finite numbers that fit the frequencies (m,), (n,), or an error that names the
+    stage."""
+    name = f"{type(stage).__name__}.channel_transfer"
+    with foreign(name):
+        found = np.asarray(stage.channel_transfer(fy, fx, light, prepared))
+    if found.dtype.kind not in "fc" or found.ndim != 4 or found.shape[0] != found.shape[1] or found.shape[2:] != (len(fy), len(fx)):
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected (channel, channel, {len(fy)}, {len(fx)}) numbers")
+    return found
+
+
+def behind_filters(bands: Any, photons: Any, moved: Any = (), still: Any = ()) -> Any:
+    """Transfer functions of grey detail by channel: means over wavelength, and what charge that moves between channels makes of them.
+
+    Parameters
+    ----------
+    bands : (wavelength, ...) array
+        Of the stages in front of the filters, 1 at frequency 0.
+    photons : (channel, wavelength) array
+        Of a white surface, of any scale.
+    moved : sequence of (channel, channel, ...) arrays
+        Of stages one behind the other, see `between`.
+    still : sequence of (channel, channel) arrays
+        The same at frequency 0.
+
+    Returns
+    -------
+    (channel, ...) array
+        1 at frequency 0.
+    """
+    found, level = np.tensordot(photons, bands, 1), photons.sum(axis=1)
+    for one, at_zero in zip(moved, still, strict=True):
+        found, level = np.einsum("cs...,s...->c...", one, found), at_zero @ level
+    scale = np.where(level == 0, 1.0, level)
+    return found / scale.reshape(-1, *[1] * (found.ndim - 1))
 
 
 def weights(stage: Summed, prepared: Any) -> Any:

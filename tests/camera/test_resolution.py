@@ -192,9 +192,10 @@ def test_a_measured_edge_is_the_analytic_one_before_the_mosaic(angle):
 
 
 def test_behind_the_mosaic_edges_are_measured_in_every_colour_state_and_nothing_is_analytic():
-    """Without noise; display values are decoded first: a grey edge resolves the same in linear and encoded values."""
+    """Without noise and patterns; display values are decoded first: a grey edge resolves the same in linear and encoded values."""
     light = {"white_luminance": 1e10}
-    doc = document((*READ_OUT, *COLOUR, "edge_resolution"), camera={"integration_time": 0.001, **BRIGHT}, scene=light)
+    chain = [{"use": "exposure", "prnu": 0, "dark_nonuniformity": 0} if use == "exposure" else use for use in READ_OUT]
+    doc = document((*chain, *COLOUR, "edge_resolution"), camera={"integration_time": 0.001, **BRIGHT}, scene=light)
     found = etendue.simulate(doc)["edge_resolution"].to_dataset()
     assert list(found.stage.values) == [
         "irradiance", "lens", "diffusion", "pixel", "linearise", "balance_mosaic", "demosaic", "camera_to_xyz", "display", "encode",
@@ -202,7 +203,7 @@ def test_behind_the_mosaic_edges_are_measured_in_every_colour_state_and_nothing_
     behind = found.isel(stage=slice(4, None))
     assert np.isnan(behind.edge_analytic).all()
     assert np.isfinite(behind.edge_mtf50).all()
-    assert_allclose(behind.edge_mtf50.sel(stage="linearise"), found.edge_mtf50.sel(stage="pixel"), rtol=0.01)  # one colour's sites
+    assert_allclose(behind.edge_mtf50.sel(stage="linearise"), found.edge_mtf50.sel(stage="pixel"), rtol=2e-4)  # one colour's sites
     assert_allclose(behind.edge_mtf50.sel(stage="encode"), behind.edge_mtf50.sel(stage="display"), rtol=1e-3)
     assert EVERY_FACTOR[int(found.limiting_factor)] != "noise"
     assert float(found.resolution_gain.sel(factor="demosaic")) > 1.1  # bilinear

@@ -234,7 +234,7 @@ def test_tolerance_decides_what_is_left_out_and_nothing_left_out_forbids_it(file
     ("options", "fragment"),
     [
         (["--set", "f_number"], "expected name=value"),
-        (["--set", "f_number=4"], "a camera quantity is camera.f_number"),
+        (["--set", "f_numbr=4"], "did you mean 'f_number'?"),
         (["--set", "blurr.sigma=1"], "did you mean 'blur'?"),
         (["--set", "camera.f_number=wide"], "'wide' is not a number"),
         (["--sweep", "f_nubmer=1,2"], "did you mean 'f_number'?"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import sys
 
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 
 from etendue.errors import ArchiveError, PluginError
 from etendue.report.terminal import _out, _table, escape
-from etendue.telling import LONGEST_LINE, MOST_LINES, foreign, plain, printable, said, told, without_folders
+from etendue.spec.units import UnitError, to_unit
+from etendue.telling import LONGEST_LINE, MOST_LINES, foreign, plain, printable, said, told, where, without_folders
 
 LONGEST = MOST_LINES * (LONGEST_LINE + 40)
 
@@ -61,6 +63,24 @@ def test_foreign_code_breaks_off_as_a_plugin_error_and_refuses_as_it_is():
     for own in (ValueError("too small"), ArchiveError("damaged")):
         with pytest.raises(type(own), match=str(own)), foreign("Mine.grid"):
             raise own
+
+
+def test_a_plugin_below_a_folder_named_like_the_package_keeps_its_file_and_line(tmp_path):
+    folder = tmp_path / "etendue" / "plugins"
+    folder.mkdir(parents=True)
+    (folder / "mine.py").write_text("def grid():\n    return {}['missing']\n")
+    spec = importlib.util.spec_from_file_location("mine_below_etendue", folder / "mine.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with pytest.raises(KeyError) as raised:
+        module.grid()
+    assert where(raised.value) == "mine.py:2, "
+
+
+def test_our_own_code_is_not_the_place_at_which_a_plugin_broke():
+    with pytest.raises(UnitError) as raised:
+        to_unit("a b c", "m")
+    assert where(raised.value).startswith("test_telling.py:")
 
 
 def test_the_terminal_is_sent_nothing_that_a_file_or_a_plugin_says(capsys):

@@ -56,6 +56,18 @@ def test_what_is_damaged_is_named(archive, folder, tmp_path):
     assert not etendue.Archive(tmp_path / "copy").verify()["whole"]
 
 
+def test_an_archive_that_cannot_be_opened_says_what_is_lost(folder, tmp_path):
+    """A tree of it would have lost coordinates: what is damaged, and what mends it, can be asked all the same."""
+    shutil.copytree(folder, tmp_path / "copy")
+    shutil.rmtree(tmp_path / "copy" / "data.zarr" / "adc")
+    broken = etendue.Archive(tmp_path / "copy")
+    with pytest.raises(ArchiveError, match="verify .* --repair"):
+        broken.tree["adc"].raw.load()
+    assert not broken.verify()["whole"]
+    for said in (repr(broken), broken._repr_html_()):
+        assert "damaged" in said and "verify" in said and "adc" in said and "grey" in said
+
+
 def test_files_are_those_that_the_commands_write(archive, folder, tmp_path):
     assert archive.report() == archive.report("grey-report.html") != archive.report(tmp_path / "other.html")
     (one,) = archive.export("png", "one.png", variables="raw", f_number=4)

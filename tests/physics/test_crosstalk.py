@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.sensor import cfa, crosstalk, photodiode, silicon
+from etendue.physics.sensor import cfa, crosstalk, crosstalk_planes, photodiode, silicon
 
 REDDISH = float(silicon.absorption(0.65))
 masks = st.sampled_from(cfa.NAMES).map(cfa.parse)
@@ -215,3 +215,22 @@ def test_float32_is_kept_and_close():
     spread = crosstalk.diffuse(mosaic, kernels_for(mask), mask)
     assert spread.dtype == np.float32
     assert_allclose(spread, crosstalk.diffuse(mosaic.astype(float), kernels_for(mask), mask), atol=1e-6)  # of the transforms
+
+
+@settings(max_examples=20)
+@given(masks, st.floats(-0.1, 0.1), seeds)
+def test_transfer_functions_between_channels_are_the_transformed_kernels(mask, offset, seed):
+    """At any frequency, beyond 1 cycle/pixel too, and of masks of any period; at 0 they are what even light becomes."""
+    random, count = np.random.default_rng(seed), len(mask.channels)
+    t = crosstalk.times(2.0, 50.0)
+    parts = random.dirichlet(np.ones(t.size + 1), count)
+    along = [crosstalk.pixel_shares(t, 1.2, 1.5, 40, shift) for shift in (offset, -0.5 * offset)]
+    kernel = crosstalk.kernels(parts[:, 0], parts[:, 1:], *along)[0]
+    fy, fx = random.uniform(-2, 2, 3), random.uniform(-2, 2, 2)
+    found = crosstalk_planes.channel_transfer(parts[:, 0], parts[:, 1:], *along, mask, fy, fx)
+    between = crosstalk_planes.plane_kernels(kernel, mask)
+    away = np.arange(between.shape[-1]) - between.shape[-1] // 2
+    waves = [np.exp(-2j * np.pi * np.outer(away, f)) for f in (fy, fx)]
+    assert_allclose(found, np.einsum("csij,im,jn->csmn", between, *waves, optimize=True), rtol=0, atol=1e-12)
+    still = crosstalk_planes.channel_transfer(parts[:, 0], parts[:, 1:], *along, mask, np.zeros(1), np.zeros(1))[..., 0, 0]
+    assert_allclose(still, crosstalk.mixing(kernel, mask), rtol=0, atol=1e-12)

@@ -132,6 +132,14 @@ def test_nearest_repeats_its_cell_with_the_green_of_the_row(pattern, seed):
         assert_array_equal(planes[1, row::2], raw[row::2, column::2].repeat(2, axis=1))
 
 
+@given(pattern=patterns, seed=seeds, row=st.integers(0, 3), column=st.integers(0, 3))
+def test_the_cells_of_nearest_are_the_sensor_s_wherever_a_window_begins(pattern, seed, row, column):
+    raw = noise((12, 13), seed)
+    found = bilinear.nearest(raw[row:, column:], cfa.shifted_bayer(pattern, row, column), row, column)
+    up, left = row % 2, column % 2  # cells that the window cuts are completed from inside
+    assert_array_equal(found[:, up:-1, left:-1], bilinear.nearest(raw, pattern)[:, row + up : -1, column + left : -1])
+
+
 @given(pattern=patterns, seed=seeds, method=methods)
 def test_red_and_blue_are_treated_alike(pattern, seed, method):
     raw = noise((6, 7), seed)

@@ -1,20 +1,20 @@
 """Equal recipe, equal key; whatever can change a result changes the key, and nothing else does."""
 
 import math
-import os
 import shutil
-from contextlib import contextmanager
+from dataclasses import replace
 
+import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import etendue
-from etendue.plan import code as code_of
-from etendue.plan import keys
+from etendue.plan import binding, cells, cost, forms, keys, recipes
 from etendue.registry import installed_stages
+from etendue.spec.grid import Grid, Labels, Line
 from etendue.spec.parameter import MISSING
-from etendue.spec.stage import parameters_of
+from etendue.spec.stage import parameters_of, quantities_of
 from tests.plan.given import CAMERA, SCENE, chain, changed, keys_of, plan_of
 
 BEHIND_PIXEL = {"pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}
@@ -39,7 +39,7 @@ def test_the_same_recipe_written_differently_has_the_same_keys():
         ({"camera.bits": 10}, {"adc", "linearise", "demosaic", "sharpen"}),
         ({"sharpen.strength": 0.3}, {"sharpen"}),
         ({"scene.angle": 4}, {"scene"} | BEHIND_LENS),
-        ({"seed": 5}, {"exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}),
+        ({"seed": 5}, {"shot_noise", "adc", "linearise", "demosaic", "sharpen"}),
         ({"camera.sensor_serial": "2"}, {"exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}),
         ({"precision": "float64"}, {"scene"} | BEHIND_LENS),
     ],
@@ -90,9 +90,11 @@ def test_the_cells_of_a_sweep_have_the_keys_they_have_alone():
         assert cell.key == alone.of(cell.node)[0].key
 
 
-def test_a_stage_is_known_by_what_it_does_not_by_its_name_unless_it_draws_random_numbers():
+def test_a_stage_is_known_by_what_it_does_not_by_its_name_unless_it_draws_noise():
     renamed = plan_of(chain().replace('name = "demosaic"', 'name = "debayer"'))
     assert [c.key for c in renamed.of("debayer")] == keys_of(plan_of(chain()))["demosaic"]
+    patterned = plan_of(chain().replace('use = "exposure"', 'use = "exposure"\nname = "integrated"'))
+    assert [c.key for c in patterned.of("integrated")] == keys_of(plan_of(chain()))["exposure"]
     other_noise = plan_of(chain().replace('use = "shot_noise"', 'use = "shot_noise"\nname = "photons"'))
     assert [c.key for c in other_noise.of("photons")] != keys_of(plan_of(chain()))["shot_noise"]
 
@@ -124,6 +126,51 @@ def test_every_parameter_of_every_built_in_stage_is_part_of_its_key(name):
         else:
             new = (*old, 1.0) if isinstance(old, tuple) else 1.0 if old in (math.inf, -math.inf) else old + 1
         assert keys.key_of(keys.parameters_for_key(unchecked(kind, {**given_values, parameter: new}))) != base, parameter
+
+
+# -- what a plan decides ----------------------------------------------------------------------------------
+
+
+def test_grids_stand_in_keys_as_they_are(monkeypatch):
+    """Whatever of the planner makes them: its code is in no key."""
+    before, made = plan_of(chain()), forms.output_grid
+    mosaic = before.of("mosaic")[0].stage
+
+    def moved(stage, declaration, *given):
+        grid = made(stage, declaration, *given)
+        return grid.replace(x=replace(grid.line("x"), start=grid.line("x").start + 1e-12)) if stage == mosaic else grid
+
+    monkeypatch.setattr(cells, "output_grid", moved)
+    assert changed(before, plan_of(chain())) == BEHIND_PIXEL - {"pixel"}
+
+
+def test_where_a_segment_begins_stands_in_keys(monkeypatch):
+    before = plan_of(chain())
+    monkeypatch.setattr(binding, "_segment", lambda node, earlier: (node.name,) if node.is_transfer else ())  # each transformed alone
+    assert changed(before, plan_of(chain())) == {"lens_gaussian", "diffusion"} | BEHIND_PIXEL
+
+
+def test_whether_light_is_streamed_stands_in_keys(monkeypatch):
+    """Streamed or whole, transfer functions give other last bits; what makes light gives the same."""
+    before = plan_of(chain())
+    monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
+    assert changed(before, plan_of(chain())) == {"diffraction", "lens_gaussian", "diffusion"} | BEHIND_PIXEL
+
+
+def test_the_dim_along_which_a_quantity_has_the_label_of_its_slice_stands_in_keys(monkeypatch):
+    """Planes that are not mosaicked know their filter by it."""
+    before = plan_of(chain())
+    kind = type(before.of("linearise")[0].stage)
+    told = {name: replace(one, along="frame") for name, one in quantities_of(kind).items()}
+    monkeypatch.setattr(recipes, "quantities_of", lambda asked: told if asked is kind else quantities_of(asked))
+    assert changed(before, plan_of(chain())) == {"linearise", "demosaic", "sharpen"}
+
+
+def test_equal_grids_are_one_text_whatever_their_numbers_came_as():
+    one, other = Grid.of({"x": Line(4, 1, 2.0), "c": Labels((1, "R"))}), Grid.of({"x": Line(np.int64(4), 1.0, 2), "c": Labels((1.0, "R"))})
+    assert one == other and keys.plain_text(one) == keys.plain_text(other)
+    assert keys.plain_text(one) != keys.plain_text(one.replace(x=Line(4, 1, 2.0, cells=True)))
+    assert keys.plain_text(Labels(("a b",))) != keys.plain_text(Labels(("a", "b")))
 
 
 finite = st.one_of(st.floats(allow_nan=False), st.integers(-(2**60), 2**60), st.text(max_size=5), st.booleans())
@@ -175,134 +222,3 @@ def test_a_file_that_is_overwritten_between_two_runs_of_one_process_is_read_agai
         levels.append(float(etendue.simulate(text, scheduler="serial")["scene"]["radiance"].mean()))
     linear = [((shade / 255 + 0.055) / 1.055) ** 2.4 for shade in (100, 200)]  # sRGB, above its linear part
     assert levels[1] / levels[0] == pytest.approx(linear[1] / linear[0], rel=1e-5)  # float32
-
-
-# -- code -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def code(tmp_path_factory):
-    """A copy of the package that a test may edit: its folder, a way to the digests of all built-in stages, and those unedited."""
-    package = tmp_path_factory.mktemp("code") / "etendue"
-    shutil.copytree(code_of.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-    caches = [f for f in vars(code_of).values() if hasattr(f, "cache_clear")]
-
-    def digests():
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(code_of, "PACKAGE", package)
-            for cached in caches:
-                cached.cache_clear()
-            try:
-                return {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
-            finally:
-                for cached in caches:
-                    cached.cache_clear()
-
-    return package, digests, digests()
-
-
-@contextmanager
-def edited_files(*paths):
-    texts = [path.read_text() for path in paths]
-    for path, text in zip(paths, texts, strict=True):
-        path.write_text(text + "\n# edited\n")
-    yield
-    for path, text in zip(paths, texts, strict=True):
-        path.write_text(text)
-
-
-MODULES = {
-    "optics": {"irradiance", "optical_filter"},
-    "lens": {"diffraction", "lens_gaussian", "lens_psf"},
-    "sensor": {"diffusion", "pixel", "crosstalk"},
-    "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_any"},
-}
-
-
-@pytest.mark.parametrize(
-    ("edited", "must", "must_not"),
-    [
-        (
-            "physics/mosaic/bilinear.py",
-            MODULES["reconstruct"],
-            MODULES["optics"] | MODULES["sensor"] | {"uniform", "encode", "shot_noise"},
-        ),
-        (
-            "physics/sensor/photodiode.py",
-            MODULES["sensor"] | {"white", "colour_fit"},
-            MODULES["optics"] | MODULES["reconstruct"] | {"uniform"},
-        ),
-        (
-            "physics/sensor/cfa.py",
-            MODULES["reconstruct"] | MODULES["sensor"] | {"mosaic", "white"},
-            MODULES["optics"] | {"uniform", "shot_noise"},
-        ),
-        (
-            "physics/optics/airy.py",
-            MODULES["lens"] | {"lens_numbers"},
-            MODULES["optics"] | MODULES["sensor"] | MODULES["reconstruct"] | {"uniform", "encode"},
-        ),
-        ("physics/light/sampling.py", {"diffraction", "diffusion", "pixel"}, MODULES["reconstruct"] | {"adc", "lens_numbers"}),
-        ("stages/sensor/sensitivity.py", MODULES["sensor"] | {"white", "colour_fit"}, MODULES["optics"] | MODULES["reconstruct"]),
-        ("data/silicon_absorption.csv", MODULES["sensor"] | {"white"}, MODULES["reconstruct"] | {"adc"}),
-        ("spec/grid.py", set(BUILT_IN), set()),
-    ],
-)
-def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(code, edited, must, must_not):
-    package, digests, before = code
-    with edited_files(package / edited):
-        after = digests()
-    seen = {name for name in BUILT_IN if before[name] != after[name]}
-    assert must <= seen
-    assert not must_not & seen
-
-
-def test_an_edited_report_or_engine_changes_no_key(code):
-    package, digests, before = code
-    names = ("report/tables.py", "run/parallel.py", "archive/store.py", "cli/program.py", "plan/graph.py", "session.py", "registry.py")
-    with edited_files(*(package / name for name in names)):
-        assert digests() == before
-
-
-def test_what_is_kept_of_a_file_between_runs_is_forgotten_with_it(code, tmp_path, monkeypatch):
-    """Also of one that was edited to the same size and given its old time: not every editor is honest about time."""
-    package, digests, before = code
-    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
-    edited = package / "physics/mosaic/bilinear.py"
-    text, state = edited.read_text(), edited.stat()
-    monkeypatch.setattr(code_of, "SETTLED", 0.0)  # other tests have edited files just now
-    assert digests() == before  # found, and kept
-    reads = []
-    monkeypatch.setattr(code_of, "_read", lambda path, read=code_of._read: reads.append(path.name) or read(path))
-    assert digests() == before and reads == []
-    edited.write_text(text.replace("mean", "neam", 1))
-    os.utime(edited, ns=(state.st_atime_ns, state.st_mtime_ns))
-    assert edited.stat().st_size == state.st_size
-    after = digests()
-    assert {name for name in BUILT_IN if before[name] != after[name]} >= MODULES["reconstruct"] and set(reads) == {"bilinear.py"}
-    edited.write_text(text)
-    assert digests() == before
-    for kept in (tmp_path / "code").iterdir():
-        kept.write_bytes(kept.read_bytes()[:-9])
-    assert digests() == before
-
-
-def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
-    copied = code[2]
-    assert len(set(copied.values())) > 5
-    assert copied == {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
-
-
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(text=st.text(alphabet="abc \n", max_size=20))
-def test_any_edit_of_any_file_changes_a_plugin(tmp_path, text):
-    """A plugin's whole distribution counts: what it reaches is not ours to know."""
-    root = tmp_path / "plugin"
-    root.mkdir(exist_ok=True)
-    (root / "__init__.py").write_text("one = 1\n")
-    (root / "table.csv").write_text("1,2\n")
-    code_of._tree_digest.cache_clear()
-    before = code_of._tree_digest(str(root))
-    (root / "table.csv").write_text("1,2\n" + text + "!")
-    code_of._tree_digest.cache_clear()
-    assert code_of._tree_digest(str(root)) != before

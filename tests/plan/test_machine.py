@@ -20,6 +20,6 @@ def test_what_is_to_be_shortened_is_what_is_too_large(monkeypatch, values, part,
     """Where there is room for a part of what one cell takes, or for more than one and not for all."""
     sweep = {"sweep.f_number": [2 + 0.1 * n for n in range(values)]} if values > 1 else {}
     plan = make_plan(read_pipeline(PIPELINE, sweep), installed_stages())
-    monkeypatch.setattr(machine, "_available_memory", lambda: int(part * peak_memory(plan, 1)))
+    monkeypatch.setattr(machine, "available_memory", lambda: int(part * peak_memory(plan, 1)))
     with pytest.raises(MachineError, match=said):
         machine.check_machine(plan, None)

@@ -10,9 +10,10 @@ import etendue
 from etendue.cli import main
 from etendue.errors import RequestError
 from etendue.plots import engine, pictures
-from etendue.plots.pictures import HATCH
 from etendue.plots.strip import show_array, strip
 from etendue.report import contact_sheet, details, small_maps
+from etendue.report.appearance import HATCH, appearance
+from etendue.spec.drawn import Drawn
 from etendue.spec.grid import Grid, Line
 
 AT = {"f_number": 2, "pixel_pitch": 3, "integration_time": "8 ms"}
@@ -258,10 +259,10 @@ def test_a_sweep_that_grows_has_its_new_cells_on_the_sheet(tmp_path):
 def test_rows_kept_of_a_large_picture_are_the_same_when_it_comes_row_by_row(how):
     """And those of the array itself, in its colours."""
     from etendue.report import thumbnails
-    from etendue.spec.variables import variable
 
-    tints = np.eye(3, dtype=np.float32)[np.array([[0, 1], [1, 2]])] if how == "mosaic" else None
-    view = thumbnails._View(how, variable("raw"), tints=tints, rows=(131, 164))
+    drawn = Drawn("encoded" if how == "encoded" else "linear", pattern="RGGB" if how == "mosaic" else "")
+    dims = ("y", "x") if how == "mosaic" else ("channel", "y", "x")
+    view = thumbnails._View(appearance(drawn, dims, channels=("R", "G", "B")), rows=(131, 164))
     array = np.random.default_rng(2).random((300, 280) if how == "mosaic" else (3, 300, 280)).astype(np.float32)
     gathered = view.gathering(array.shape)
     for start in range(0, 300, 37):

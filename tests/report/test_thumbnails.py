@@ -10,7 +10,8 @@ from etendue.physics.sensor import cfa
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.report import details, pictures, thumbnails
-from etendue.report.thumbnails import Thumbnail, fitted
+from etendue.report.fitting import as_float, fitted, tinted
+from etendue.report.thumbnails import Thumbnail
 from etendue.session import Options, execute, from_document
 
 # float32 sums of a few hundred values in [0, 1], in another order
@@ -39,7 +40,7 @@ def test_a_mosaic_is_fitted_as_its_three_colours_are(y, x, period):
     rng = np.random.default_rng(y + x)
     plane, tints = rng.random((y, x)), rng.random((*period, 3)).astype(np.float32)
     colours = np.moveaxis(tints[np.arange(y) % period[0]][:, np.arange(x) % period[1]], -1, 0)
-    np.testing.assert_allclose(thumbnails._tinted(plane, tints, thumbnails.as_float), averaged(colours * plane), atol=ROUNDING)
+    np.testing.assert_allclose(tinted(plane, tints, as_float), averaged(colours * plane), atol=ROUNDING)
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", "X-Trans"])
@@ -48,7 +49,7 @@ def test_the_colours_of_a_window_of_a_mosaic_are_those_of_its_pixels(pattern):
     tints = np.array([cfa.tint(channel) for channel in mask.channels])
     period = tints[cfa.channel_index(mask, *mask.period, 3, 1)]
     whole = np.moveaxis(tints[cfa.channel_index(mask, 9, 13, 3, 1)], -1, 0)
-    np.testing.assert_allclose(thumbnails._tinted(np.ones((9, 13)), period, thumbnails.as_float), whole)
+    np.testing.assert_allclose(tinted(np.ones((9, 13)), period, as_float), whole)
 
 
 PIPELINE = {

@@ -85,9 +85,13 @@ def test_neither_do_scheduler_workers_batches_or_durability(archive):
     assert run(plan, archive, scheduler="threads", workers=2, batch_seconds=0.0, durable=True).computed == 0
 
 
-def test_another_seed_computes_the_draws_again_and_not_the_light(archive):
-    changed = computed_by_stage(run(plan_of({**THREE, "seed": 4}), archive))
-    assert set(changed) == set(EXPOSED)
+def test_another_seed_computes_the_draws_again_and_neither_the_light_nor_the_patterns_of_the_sensor(archive):
+    changed = run(plan_of({**THREE, "seed": 4}), archive)
+    assert set(computed_by_stage(changed)) == set(EXPOSED) - {"exposure"}
+    assert changed.reasons["shot_noise"] == "seed: 3 -> 4"
+    other = run(plan_of({**THREE, "camera.sensor_serial": "2"}), archive)
+    assert set(computed_by_stage(other)) == set(EXPOSED)
+    assert other.reasons["exposure"] == "sensor_serial: 1 -> 2"
 
 
 def test_a_parameter_of_a_left_out_stage_counts_for_the_draws_behind_it(tmp_path):

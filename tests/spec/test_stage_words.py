@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 import etendue
-from etendue.api import Stage, param
+from etendue.api import Stage, param, quantity
 from etendue.spec.capabilities import CAPABILITIES, check_class, ends_in_sum, is_source, is_transfer
 from etendue.spec.roles import Displaying, Noisy, Scaled
-from etendue.spec.stage import WORDS, parameters_of
+from etendue.spec.stage import WORDS, arguments_of, parameters_of
 
 METHODS = sorted(CAPABILITIES)
 
@@ -49,6 +49,22 @@ def test_a_capability_without_its_method_is_refused_by_name(name):
 def test_a_parameter_with_the_name_of_a_word_that_every_stage_has_is_refused(name):
     with pytest.raises(TypeError, match=f"{name} has the name of a word"):
         parameters_of(with_parameter(name, 1.0))
+
+
+def test_a_stage_with_patterns_says_of_which_sensor():
+    """Else every sensor would have the same."""
+
+    class Patterned(Stage):
+        writes = {"charge": "y x [electron]"}
+
+        def run(self, rng_sensor):
+            return {"charge": rng_sensor.normal("its own")}
+
+    serial = ("sensor_serial", str, quantity("sensor_serial"))
+    of_a_sensor = dataclasses.make_dataclass("OfASensor", [serial], bases=(Patterned,), frozen=True, kw_only=True)
+    with pytest.raises(TypeError, match=r'Patterned\.run asks for rng_sensor.*sensor_serial: str = quantity\("sensor_serial"\)'):
+        arguments_of(Patterned)
+    assert arguments_of(of_a_sensor) == ("rng_sensor",)
 
 
 def test_no_room_asks_for_a_method_of_a_stage_by_its_bare_name():

@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 
-from etendue.api import RGB, Stage, hookimpl, param, quantity
+from etendue.api import RGB, Labels, Stage, hookimpl, param, quantity
 from etendue.discovery import Discovery, installed
 from etendue.hookspecs import GROUP
 from etendue.registry import Registry
@@ -95,7 +95,20 @@ class Perfect(IdealMosaic):
         return {"rgb_camera": photon_rate * photon_rate.dtype.type(self.integration_time * self.dn_per_electron() / self.white())}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Polariser(Stage):
+    """Four frames of one exposure, behind a polariser that turns."""
+
+    reads = {"photocurrent": "y x [electron/s]"}
+    writes = {"photocurrent": "angle y x [electron/s]"}
+    creates = {"angle": Labels((0.0, 45.0, 90.0, 135.0), "deg")}
+
+    def run(self, photocurrent):
+        return {"photocurrent": np.stack([0.5 * photocurrent] * 4)}
+
+
 STAGES = {
+    "polariser": Polariser,
     "grey": Grey, "breaks_off": BreaksOff, "writes_nan": WritesNaN, "for_xtrans": ForXTrans, "needs_a_number": NeedsANumber,
     "reads_more": ReadsMore, "softer": Softer, "perfect": Perfect,
 }  # fmt: skip

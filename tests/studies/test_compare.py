@@ -380,6 +380,13 @@ def test_candidates_are_what_somebody_would_swap_and_who_says_nothing_is_found(r
     assert not not_among & chosen
 
 
+def test_a_stage_without_optional_outputs_is_an_alternative_named_or_not(registry):
+    """The rule is that of a sweep: `sharpen` writes gains where somebody asks, `softer` has none."""
+    rows, _ = rows_of("sharpen.use=sharpen,softer")
+    assert {name: row.status for name, row in rows.items()} == {"sharpen": "done", "softer": "done"}
+    assert rows["softer"].psnr == rows_of("sharpen.use")[0]["softer"].psnr
+
+
 def test_what_breaks_off_or_refuses_is_a_row_with_the_reason_and_the_others_are_measured(registry):
     rows, result = rows_of("demosaic.use")
     assert {name: rows[name].status for name in ("breaks_off", "writes_nan", "for_xtrans", "needs_a_number", "grey")} == {
@@ -413,9 +420,11 @@ def test_the_command_says_what_of_the_values_that_were_named_is_not_compared(run
     assert ("nothing to hold it against" in result.output) == bool(left) and left in result.output
 
 
-def test_an_axis_that_is_written_as_a_camera_quantity_is_pointed_to_its_own_name(run):
-    result = run("--axis", "camera.f_number=2,4")
-    assert result.exit_code == 2 and "--axis f_number=" in result.output
+def test_a_camera_quantity_is_an_axis_under_both_its_names(run):
+    tables = [json.loads(run("--axis", f"{front}f_number=2,4", "--json").stdout) for front in ("", "camera.")]
+    assert [table["axis"] for table in tables] == ["f_number"] * 2
+    quality = [[{key: value for key, value in row.items() if "second" not in key} for row in table["rows"]] for table in tables]
+    assert quality[0] == quality[1] and len(quality[0]) == 2
     assert "did you mean 'f_number'" in run("--axis", "f_numbr").output
 
 

@@ -57,11 +57,11 @@ def test_a_huge_file_is_refused_in_few_lines_little_memory_and_time(what, tmp_pa
     done = subprocess.run([sys.executable, "-c", LIMITED, "plan", str(tmp_path / "huge.toml")], capture_output=True, text=True)
     assert done.returncode == 2, done.stderr[-500:]
     assert "Traceback" not in done.stderr
-    assert len(done.stderr) < 30_000 and len(done.stderr.splitlines()) <= 31
+    assert len(done.stderr) < 30_000 and len(done.stderr.splitlines()) <= 21
 
 
 def test_a_device_without_an_end_is_no_pipeline():
-    with pytest.raises(RequestError, match="larger than"):
+    with pytest.raises(RequestError, match="no plain file"):
         etendue.simulate("/dev/zero")
 
 
@@ -100,8 +100,8 @@ def test_what_a_terminal_obeys_is_written_out_in_messages():
 
 def test_many_faults_are_shown_in_part_and_kept_whole():
     error = RequestError([Fault("place", f"fault {n}") for n in range(100)], "file.toml")
-    assert len(str(error).splitlines()) == 31
-    assert str(error).endswith("file.toml: and 70 faults more")
+    assert len(str(error).splitlines()) == 16
+    assert str(error).endswith("file.toml: and 85 faults more")
     assert len(error.faults) == 100
 
 

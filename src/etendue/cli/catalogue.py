@@ -55,6 +55,7 @@ def quantities(name: str | None, as_json: bool) -> None:
     from etendue.report.catalogue import print_quantities, print_quantity, quantity_document
     from etendue.spec import camera
 
+    name = name.removeprefix("camera.") if name else None
     _check("camera quantity", name, camera.names(), "quantities")
     registry = installed_stages() if name else None
     _tell(as_json, name, camera.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)

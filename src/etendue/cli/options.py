@@ -15,7 +15,7 @@ from typing import Any
 import click
 
 
-class _Place(click.ParamType[Any]):
+class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; before click 8.4 it cannot be subscripted
     """Where an archive is: a folder, or ``s3://bucket/prefix/name``."""
 
     name = "place"
@@ -24,7 +24,7 @@ class _Place(click.ParamType[Any]):
         return str(value) if "://" in str(value) else Path(value)
 
 
-class _Folder(click.ParamType[Any]):
+class _Folder(click.ParamType):  # type: ignore[type-arg]
     """A folder of this machine, and no URL."""
 
     name = "folder"
@@ -52,6 +52,12 @@ SCHEDULER = click.option(
     show_default=True,
     metavar="S",
     help="serial, threads, processes, distributed (a Dask cluster of this machine for the run), or tcp://host:port.",
+)
+MOST_CELLS = click.option(
+    "--most-cells",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Cells that the archive's pipeline may ask for; default 1,000,000, whatever it says.",
 )
 WORKERS = click.option("--workers", type=click.IntRange(1), metavar="N", help="Threads or processes; default one per core.")
 

@@ -43,7 +43,7 @@ class _Main(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         from etendue.errors import EtendueError, RequestError
-        from etendue.telling import plain, printable, said, where
+        from etendue.telling import plain, refusal, said, where
 
         as_json = bool(ctx.obj)
         try:
@@ -53,13 +53,13 @@ class _Main(click.Group):
                 faults = [{"file": error.file, "line": f.line, "place": f.place, "message": f.message} for f in error.faults]
                 say({"faults": faults})
             else:
-                click.echo(printable(str(error)), err=True)
+                click.echo(refusal(str(error)), err=True)
             ctx.exit(2)
         except EtendueError as error:
             if as_json and error.exit_code == 2:
                 say({"faults": [{"file": "", "line": None, "place": "", "message": str(error)}]})
             else:
-                click.echo(printable(str(error)), err=True)
+                click.echo(refusal(str(error)), err=True)
             ctx.exit(error.exit_code)
         except BrokenPipeError:  # whoever read the output has gone
             os._exit(141)
@@ -76,16 +76,15 @@ class _Main(click.Group):
         except Exception as error:
             if os.environ.get("ETENDUE_TRACEBACK"):
                 raise
-            click.echo(
-                f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows", err=True
-            )
+            text = f"etendue itself broke off: {where(error)}{said(error)}; please report it, with what ETENDUE_TRACEBACK=1 shows"
+            click.echo(refusal(text), err=True)
             ctx.exit(1)
 
     def _refused(self, ctx: click.Context, error: OSError) -> NoReturn:
         from etendue.errors import machine_text
-        from etendue.telling import printable
+        from etendue.telling import refusal
 
-        click.echo(printable(machine_text(error)), err=True)
+        click.echo(refusal(machine_text(error)), err=True)
         ctx.exit(5)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from etendue import interrupts
-from etendue.cli.options import JSON, PLACE, SCHEDULER, WORKERS, Given, from_here, pipeline_options
+from etendue.cli.options import JSON, MOST_CELLS, PLACE, SCHEDULER, WORKERS, Given, from_here, pipeline_options
 from etendue.cli.saying import command, say, show, tell
 
 
@@ -141,6 +141,7 @@ def run(
 @command("rerun")
 @click.argument("place", type=PLACE, metavar="ARCHIVE")
 @_how
+@MOST_CELLS
 @JSON
 def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None, quiet: bool, **how: Any) -> None:
     """Run an archive again into itself, from the archive alone: the pipeline of its last run, with the files in its inputs.
@@ -159,7 +160,7 @@ def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None,
     check_timeout(options)
     with places.writing(place, scheduler) as folder:
         given = Given(folder)
-        made = _plan(given, quiet or as_json, recorded(folder).pipeline())
+        made = _plan(given, quiet or as_json, recorded(folder).pipeline(options.most_cells))
         _warn(made, as_json)
         outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
     outcome = places.placed(outcome, folder, place)

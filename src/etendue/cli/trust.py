@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from etendue import interrupts
-from etendue.cli.options import FOLDER, JSON, PLACE, SCHEDULER, WORKERS, from_here
+from etendue.cli.options import FOLDER, JSON, MOST_CELLS, PLACE, SCHEDULER, WORKERS, from_here
 from etendue.cli.saying import command, tell
 
 _ARCHIVE = click.argument("place", type=PLACE, metavar="ARCHIVE")
@@ -20,9 +20,12 @@ UNCHANGED = "interrupted; the archive is as it was"
 @click.option("--into", type=FOLDER, metavar="DIR", help="Keep what is computed in an archive of its own.")
 @SCHEDULER
 @WORKERS
+@MOST_CELLS
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
-def reproduce(place: Path | str, into: Path | None, scheduler: str, workers: int | None, quiet: bool, as_json: bool) -> None:
+def reproduce(
+    place: Path | str, into: Path | None, scheduler: str, workers: int | None, most_cells: int | None, quiet: bool, as_json: bool
+) -> None:  # fmt: skip
     """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is computed.
 
     On the same platform every bit has to agree. On another one (processor features, numpy, scipy, Python) a cell may differ by
@@ -40,7 +43,7 @@ def reproduce(place: Path | str, into: Path | None, scheduler: str, workers: int
     from etendue.studies.reproducing import document
     from etendue.studies.reproducing import reproduce as again
 
-    options = Options(check_scheduler(scheduler), workers or 0)
+    options = Options(check_scheduler(scheduler), workers or 0, most_cells=most_cells)
     place = from_here(here, place)
     with places.reading(place) as folder:
         found = again(folder, options, None if quiet or as_json else TerminalProgress, here / into if into else None)
@@ -81,11 +84,12 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 @click.option("--accept-platform", is_flag=True, help="Repair with cells computed on another platform than the others.")
 @SCHEDULER
 @WORKERS
+@MOST_CELLS
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
 def verify(
-    place: Path | str, repair: bool, sources: tuple[Path, ...], accept_platform: bool, scheduler: str, workers: int | None, quiet: bool,
-    as_json: bool,
+    place: Path | str, repair: bool, sources: tuple[Path, ...], accept_platform: bool, scheduler: str, workers: int | None,
+    most_cells: int | None, quiet: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record, input, journal.
 
@@ -113,7 +117,7 @@ def verify(
             from etendue.studies.repairing import document as of_repaired
             from etendue.studies.repairing import repair as mend
 
-            options = Options(check_scheduler(scheduler), workers or 0, accept_platform=accept_platform)
+            options = Options(check_scheduler(scheduler), workers or 0, accept_platform=accept_platform, most_cells=most_cells)
             sought = [here / path for path in sources]
             with places.writing(place, scheduler, exact=True) as folder:
                 mended = mend(folder, sought, options, None if quiet or as_json else TerminalProgress, told)

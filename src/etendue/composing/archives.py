@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.archive import places
+from etendue.archive.journal import NAME as JOURNAL
 from etendue.plots import glance_page
 from etendue.plots.accessor import TreeAccessor
-from etendue.plots.glance import glance
+from etendue.plots.glance import Glance, glance, glance_at
 from etendue.session import Options, check_scheduler
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ class Archive:
 
     def __init__(self, place: str | Path) -> None:
         self.place = place if places.is_url(place) else Path(place)
-        places.open_archive(self.place).close()
+        if isinstance(self.place, str) or not (self.place / JOURNAL).is_file():  # of one that is damaged, what is can be asked
+            places.open_archive(self.place).close()
 
     @property
     def tree(self) -> xarray.DataTree:
@@ -156,11 +158,14 @@ class Archive:
             )
         return view(self.place, height)
 
+    def _glance(self) -> Glance:
+        return glance(self.tree) if isinstance(self.place, str) else glance_at(self.place)
+
     def __repr__(self) -> str:
-        return glance_page.text(glance(self.tree))
+        return glance_page.text(self._glance())
 
     def _repr_html_(self) -> str:
-        return glance_page.page(glance(self.tree))
+        return glance_page.page(self._glance())
 
 
 __all__ = ["Archive"]

@@ -21,8 +21,9 @@ from etendue.plan.planner import make_plan, summary
 from etendue.registry import installed_stages
 from etendue.session import Options, check_scheduler, execute
 from etendue.spec import camera, toml
-from etendue.spec.pipeline import TOP, parse_pipeline, read_pipeline
+from etendue.spec.overrides import TOP, axis_name
 from etendue.spec.pipeline import Pipeline as Written
+from etendue.spec.pipeline import Source, parse_pipeline, read_pipeline
 
 if TYPE_CHECKING:
     from etendue.plan.model import Plan
@@ -59,7 +60,7 @@ class Planned:
 
 
 @dataclass(frozen=True)
-class Pipeline:
+class Pipeline(Source):
     """A camera from scene to display: placed stages in order, and all else a pipeline file says.
 
     Every method gives a new pipeline and leaves the one it is called on as it is.
@@ -146,7 +147,8 @@ class Pipeline:
 
     def camera(self, **quantities: Any) -> Pipeline:
         """Camera quantities, and ``sensor``: numbers in the declared unit, or texts with a unit."""
-        return self._with(quantities={**self.quantities, **{name: plain(value) for name, value in quantities.items()}})
+        given = {name.removeprefix("camera__"): plain(value) for name, value in quantities.items()}
+        return self._with(quantities={**self.quantities, **given})
 
     def sweep(self, **axes: Any) -> Pipeline:
         """Axes: ``f_number=[2, 4]``, ``pixel_pitch=span("1 um", "3 um", 5)``, ``sharpen__strength=[0, 1]``,
@@ -157,7 +159,7 @@ class Pipeline:
             if isinstance(values, str) or not isinstance(values, Mapping | Iterable):
                 raise RequestError([Fault(f"sweep.{name}", f"expected a list of values or span(...), got {values!r}")])
             whole = values if isinstance(values, Mapping) else [_choice(one) for one in values]
-            found[name.replace("__", ".")] = plain(whole)
+            found[axis_name(name.replace("__", "."), self.document())] = plain(whole)
         return self._with(axes={**self.axes, **found})
 
     def want(self, *variables: str) -> Pipeline:
@@ -169,11 +171,12 @@ class Pipeline:
         return self._with(words={**self.words, "keep": list(variables)})
 
     def set(self, **words: Any) -> Pipeline:
-        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``."""
+        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; camera quantities as ``camera`` does."""
+        quantities = {word: words.pop(word) for word in [*words] if word.removeprefix("camera__") in ("sensor", *camera.names())}
         faults = [Fault(word, _no_word(word)) for word in words if word not in TOP or word in APART]
         if faults:
             raise RequestError(faults)
-        return self._with(words={**self.words, **{key: plain(value) for key, value in words.items()}})
+        return self.camera(**quantities)._with(words={**self.words, **{key: plain(value) for key, value in words.items()}})
 
     def about(self, **words: Any) -> Pipeline:
         """Who made it and under which licence: the table ``[about]``."""

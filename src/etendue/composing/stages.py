@@ -108,6 +108,9 @@ class Maker:
     def __repr__(self) -> str:
         return f"<stage {self.__name__}{self.__signature__}>"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return maker, (self.__name__,)
+
     def __getattr__(self, name: str) -> Any:
         """A wing of built-in stages of the same name is a module too: ``import etendue.stages.mosaic.cfa`` goes on to work."""
         if not name.startswith("__"):
@@ -138,6 +141,9 @@ class Stages:
 
     def __repr__(self) -> str:
         return f"<{len(dir(self))} stages: {', '.join(dir(self))}>"
+
+    def __reduce__(self) -> str:
+        return "STAGES"
 
 
 STAGES = Stages()

@@ -19,7 +19,7 @@ from etendue.export import dng, png, tiff
 from etendue.export.frames import FINISHED, Frame, Shelf, chosen, described, plain
 from etendue.export.masks import mask_of, note
 from etendue.physics.electronics import amplifier
-from etendue.plots.places import read_at
+from etendue.plots.places import is_called, read_at
 from etendue.registry import installed_stages
 from etendue.spec.roles import BALANCE, FULL_WELL
 
@@ -120,7 +120,7 @@ def export(request: Request) -> Exported:
 
 
 def _has(frames: list[Frame], name: str) -> bool:
-    return any(name in f.labels or name in (f.group.parameters.get(dim) for dim in f.labels) for f in frames)
+    return any(is_called(name, dim, f.group.parameters.get(dim, dim)) for f in frames for dim in f.labels)
 
 
 def _first_axis(frames: list[Frame]) -> str:
@@ -237,7 +237,7 @@ def _writer(shelf: Shelf, job: _Job) -> Callable[[Path], None]:
     if job.kind == "dng":
         return lambda path: dng.write(path, raw_frame(shelf, job.frame))
     if job.kind == "png":
-        return lambda path: png.write(path, png.array_of(job.frame), described(shelf, job.frame))
+        return lambda path: png.write(path, png.array_of(job.frame), shelf.white(job.frame), described(shelf, job.frame))
     encoded = job.frame.variable == "rgb_display" and _is_srgb(shelf, job.frame)
     return lambda path: tiff.write(path, job.frame.picture(), described(shelf, job.frame), _software(), _when(shelf), encoded)
 

@@ -21,10 +21,14 @@ from etendue.archive.journal import read_journal
 from etendue.archive.layout import STATUS
 from etendue.archive.naming import cell_label
 from etendue.archive.provenance import latest_record
+from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.archive.vouched import VouchedStore
 from etendue.errors import ArchiveError, Fault, RequestError, nearest
-from etendue.plots.places import is_value
+from etendue.plots.holdings import Holdings
+from etendue.plots.opening import opened
+from etendue.plots.places import is_called, is_value
+from etendue.plots.strip import white_of
 
 PLANE = ("channel", "y", "x")
 FINISHED = ("done", "left_out")
@@ -158,8 +162,18 @@ class Shelf:
 
     def _open(self, path: str) -> xarray.Dataset:
         if path not in self.opened:
-            self.opened[path] = xarray.open_dataset(self.store, engine="zarr", group=path, chunks=None, consolidated=False)
+            with metadata_of(self.folder):
+                self.opened[path] = xarray.open_dataset(self.store, engine="zarr", group=path, chunks=None, consolidated=False)
         return self.opened[path]
+
+    @cached_property
+    def holdings(self) -> Holdings:
+        return Holdings(opened(self.folder))
+
+    def white(self, frame: Frame) -> float:
+        """The linear value that is shown as white in a picture, as plots have it."""
+        held = self.holdings.find(f"{frame.group.stage}.{frame.variable}", "picture")
+        return white_of(self.holdings, held, {dim: frame.labels[dim] for dim in held.axes})
 
     # -- what is known of one -------------------------------------------------------------------------
 
@@ -247,7 +261,7 @@ def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
     for name, text in at.items():
         axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
         axes |= {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
-        dim = next((dim for dim, key in axes.items() if name in (dim, key)), "")
+        dim = next((dim for dim, key in axes.items() if is_called(name, dim, key)), "")
         if not dim:
             why = nearest(name, axes) if axes else "; nothing was swept"
             faults.append(Fault(f"--at {name}", f"it is no axis of {frames[0].variable}{why}"))

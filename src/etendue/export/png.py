@@ -25,12 +25,12 @@ def array_of(frame: Frame) -> xarray.DataArray:
     """
     values, known = frame.picture(), frame.group.data[frame.variable]
     dims = [str(dim) for dim in known.dims[known.ndim - np.ndim(values) :]]
-    coords = {dim: known[dim] for dim in dims if dim in known.coords}
-    return xarray.DataArray(values, coords, dims, frame.variable, known.attrs)
+    coords = {dim: known[dim].variable for dim in dims if dim in known.coords}
+    return pictures.with_bands(xarray.DataArray(values, {**coords, **frame.labels}, dims, frame.variable, known.attrs), frame.group.data)
 
 
-def write(path: Path, array: xarray.DataArray, description: str = "") -> None:
-    """Write one picture."""
+def write(path: Path, array: xarray.DataArray, white: float, description: str = "") -> None:
+    """Write one picture; ``white``: the linear value that is shown as white."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -39,4 +39,4 @@ def write(path: Path, array: xarray.DataArray, description: str = "") -> None:
     if description:
         said.add_text("Description", description)
     said.add_text("Software", "etendue")
-    Image.fromarray(pictures.drawn(array)).save(path, format="png", optimize=False, pnginfo=said)
+    Image.fromarray(pictures.drawn(array, white)).save(path, format="png", optimize=False, pnginfo=said)

@@ -22,6 +22,7 @@ from etendue.page.opened import Opened
 from etendue.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
 from etendue.plan.sensors import SENSOR
 from etendue.spec import camera
+from etendue.spec.variables import without
 
 FORMAT = 1
 MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums
@@ -129,7 +130,7 @@ def _camera(opened: Opened) -> list[dict[str, Any]]:
 def _said(opened: Opened, stage: str, variable: str) -> dict[str, str]:
     attrs = next(group.data[variable].attrs for group in opened.groups[stage] if variable in group.variables)
     units = str(attrs.get("units", "1"))
-    return {"label": str(attrs.get("long_name", variable)), "units": "" if units == "1" else units}
+    return {"label": str(attrs.get("long_name", variable)) + without(attrs), "units": "" if units == "1" else units}
 
 
 def _figure(one: Figure, columns: Columns) -> dict[str, Any]:

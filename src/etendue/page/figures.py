@@ -14,6 +14,7 @@ import numpy as np
 
 from etendue.errors import ArchiveError
 from etendue.page.opened import PLANE, Group, Opened
+from etendue.spec.variables import without
 
 LARGEST = 4096  # numbers of a cell: what has more is neither figure nor curve
 MOST = 4_000_000  # numbers of one figure over all cells
@@ -87,7 +88,7 @@ def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figur
     attrs = groups[0].data[name].attrs
     units = str(attrs.get("units", "1"))
     return Figure(
-        stage, name, str(attrs.get("long_name", name)), "" if units == "1" else units, axes, dims, values,
+        stage, name, str(attrs.get("long_name", name)) + without(attrs), "" if units == "1" else units, axes, dims, values,
         {dim: _coordinates(opened, widest, dim) for dim in dims}, _meanings(groups[0], name),
     )  # fmt: skip
 

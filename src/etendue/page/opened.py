@@ -22,6 +22,7 @@ from etendue.archive.manifest import DATA
 from etendue.archive.naming import cell_label
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, records
+from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError
 
@@ -73,6 +74,7 @@ class Opened:
     running : whether a run is writing to it
     ended : whether its last run has come to an end, so that its tables are right
     damaged : what was asked for and is not as it was written
+    whites : what is shown as white, by the picture that says so: stage, variable, places on its axes
     """
 
     def __init__(self, folder: Path) -> None:
@@ -80,6 +82,7 @@ class Opened:
         self.running = is_running(folder)
         self.stored = Stored(folder)
         self.damaged: set[str] = set()
+        self.whites: dict[tuple[Any, ...], float] = {}
         record = latest_record(folder)
         if record is None:
             why = "a run is beginning; look again in a moment" if self.running else "no readable record of a run; see etendue verify"
@@ -116,7 +119,8 @@ class Opened:
             stage = path.split("/")[0]
             if stage not in found or not (self.folder / DATA / path / "zarr.json").is_file():
                 continue
-            data = xarray.open_dataset(str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False)
+            with metadata_of(self.folder):
+                data = xarray.open_dataset(str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False)
             found[stage].append(Group(stage, path, axes, data))
         return found
 

@@ -15,17 +15,14 @@ from typing import Any
 import numpy as np
 
 from etendue.errors import ArchiveError
-from etendue.page.looks import Picture, picture, pictured
+from etendue.page.looks import Picture, drawn_of, picture, pictured
 from etendue.page.opened import Opened
-from etendue.physics.scene.resampling import area_weights
-from etendue.spec.variables import variable as known
 
 MOST_CELLS = 64
-LARGEST = 256  # samples on either side of a picture in a report
 BUDGET = 3_300_000  # bytes of all pictures: 4.4 MB as text
 QUALITY = 90  # of WebP, where a lossless picture is too large
 LOSSLESS_SHARE = 0.45  # of the budget: as many bytes may the display's pictures take without loss
-STRIP_SHARE = 0.25
+STRIP_SHARE = 0.5  # which 24 noisy pictures of 256 x 192 take two thirds of
 
 
 def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -> list[tuple[int, ...]]:
@@ -77,37 +74,43 @@ def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[s
 
 def _wanted(opened: Opened) -> list[tuple[str, str]]:
     """The last encoded picture first; then what lies in front of it, nearest first."""
-    everything = [one for one in pictured(opened) if known(one[1]).shown]
-    encoded = [one for one in everything if known(one[1]).shown == "encoded"]
+    everything = _shown(opened)
+    encoded = [one for one in everything if drawn_of(opened, *one).shown == "encoded"]
     first = encoded[-1:] or everything[-1:]
     seen = {variable for _, variable in first}
     rest = []
     for stage, variable in reversed(everything):
-        if variable not in seen and known(variable).shown == "linear" and (opened.reaching(stage) or not opened.axes):
+        if variable not in seen and drawn_of(opened, stage, variable).linear and (opened.reaching(stage) or not opened.axes):
             seen.add(variable)
             rest.append((stage, variable))
     return first + rest
 
 
+def _shown(opened: Opened) -> list[tuple[str, str]]:
+    return [one for one in pictured(opened) if drawn_of(opened, *one).shown]
+
+
 def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[dict[str, Any]], int]:
-    """Every stage's picture of one cell, and their bytes."""
-    found, spent = [], 0
-    everything = [one for one in pictured(opened) if known(one[1]).shown]
-    share = budget / max(1, len(everything))
-    for stage, variable in everything:
+    """Every stage's picture of one cell, and their bytes: without loss, as far as that fits, the largest first with."""
+    found: list[dict[str, Any]] = []
+    exact: list[tuple[Any, bytes]] = []
+    for stage, variable in _shown(opened):
         one = _picture(opened, stage, variable, start)
         if one is None:
             continue
-        small = _small(one.eight_bit())
-        data, _ = _encoded(small, share)
-        spent += len(data)
+        small = one.small()
+        exact.append((small, _webp(small, None)))
         found.append(
             {
                 "stage": stage, "variable": variable, "size": [one.size[1], one.size[0]], "shown": [small.shape[1], small.shape[0]],
-                "scaled": one.scaled, "units": one.units, "bright": one.bright, "data": _text(data),
+                "scaled": one.scaled, "units": one.units, "bright": one.bright, "how": "without loss",
             }
         )  # fmt: skip
-    return found, spent
+    data = [whole for _, whole in exact]
+    for number in sorted(range(len(data)), key=lambda n: -len(data[n])):
+        if sum(map(len, data)) > budget:
+            data[number], found[number]["how"] = _webp(exact[number][0], QUALITY), f"WebP, quality {QUALITY}"
+    return [{**one, "data": _text(own)} for one, own in zip(found, data, strict=True)], sum(map(len, data))
 
 
 def _series(
@@ -123,7 +126,7 @@ def _series(
         if key in raw:
             continue
         one = _picture(opened, stage, variable, place)
-        raw[key] = None if one is None else _small(one.eight_bit())
+        raw[key] = None if one is None else one.small()
         if one is not None:
             sizes[key] = [one.size[1], one.size[0]]
     there = {key: small for key, small in raw.items() if small is not None}
@@ -141,7 +144,7 @@ def _series(
         pictures[key] = _text(data)
     return {
         "stage": stage, "variable": variable, "axes": list(axes), "pictures": pictures, "sizes": sizes, "how": how, "bytes": size,
-        "scaled": bool(known(variable).shown == "linear" and known(variable).white is None),
+        "scaled": drawn_of(opened, stage, variable).scaled,
     }  # fmt: skip
 
 
@@ -150,23 +153,6 @@ def _picture(opened: Opened, stage: str, variable: str, place: dict[str, int]) -
         return picture(opened, stage, variable, place)
     except (ArchiveError, ValueError, KeyError):  # damaged, or no picture after all
         return None
-
-
-def _small(pixels: Any) -> Any:
-    """(y, x, 3) uint8, area-averaged in what is seen until it fits."""
-    height, width = pixels.shape[:2]
-    if max(height, width) <= LARGEST:
-        return pixels
-    scale = LARGEST / max(height, width)
-    down = area_weights(height, max(1, round(height * scale)))
-    across = area_weights(width, max(1, round(width * scale)))
-    return np.round(np.einsum("ry,yxc,kx->rkc", down, pixels.astype(float), across, optimize=True)).astype(np.uint8)
-
-
-def _encoded(small: Any, share: float) -> tuple[bytes, bool]:
-    """Without loss where that is small enough."""
-    data = _webp(small, None)
-    return (data, True) if len(data) <= share else (_webp(small, QUALITY), False)
 
 
 def _webp(pixels: Any, quality: int | None) -> bytes:

@@ -125,14 +125,23 @@ def _no_stage(request: Request, use: str) -> str:
 
 
 def _check_same_writes(request: Request, made: list[Alternative], place: str) -> None:
-    first = {str(d) for d in writes_of(made[0].kind).values() if not d.optional}
     for other in made[1:]:
-        own = {str(d) for d in writes_of(other.kind).values() if not d.optional}
-        for one, has, another, lacks in ((other, own, made[0], first), (made[0], first, other, own)):
-            if has - lacks:
-                request.fault(place, f"{one.use} writes {_some(has - lacks)}, which {another.use} does not; alternatives write the same")
-        if own == first and is_transfer(other.kind) != is_transfer(made[0].kind):
-            request.fault(place, f"of {other.use} and {made[0].use} only one is a transfer function; sweep them in two files")
+        for text in unlike((other.use, other.kind), (made[0].use, made[0].kind)):
+            request.fault(place, text)
+
+
+def unlike(*both: tuple[str, type[Stage]]) -> list[str]:
+    """Why two stages, each with its name, are no alternatives of each other: a reason each, none where they are.
+
+    They write the same; what is optional is computed where all of them have it, and somebody asks.
+    """
+    writes = [{str(d) for d in writes_of(kind).values() if not d.optional} for _, kind in both]
+    (one, first), (another, second) = both
+    if lacking := [(a, b, own) for a, b, own in ((one, another, writes[0] - writes[1]), (another, one, writes[1] - writes[0])) if own]:
+        return [f"{a} writes {_some(own)}, which {b} does not; alternatives write the same" for a, b, own in lacking]
+    if is_transfer(first) != is_transfer(second):
+        return [f"of {one} and {another} only one is a transfer function; sweep them in two files"]
+    return []
 
 
 def _some(declarations: set[str]) -> str:

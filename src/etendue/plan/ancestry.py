@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from etendue.plan.model import CellRef, Node, Plan
+from etendue.spec.stage import looks_at_stages
 
 
 def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:
@@ -30,7 +31,7 @@ def _needed_by(plan: Plan, nodes: dict[str, Node], ref: CellRef) -> list[CellRef
     refs = [source for _, source, _ in cell.inputs] + [word.ref for word in cell.open_words]
     what_of = {port: what for port, what, _ in nodes[ref[0]].looks_at}
     for port, seen in cell.looks_at:
-        if what_of[port] == "transfer":
+        if looks_at_stages(what_of[port]):
             refs += [finder for other in seen for _, finder, _ in plan.cells[other].found]
         else:
             refs += seen
@@ -42,7 +43,7 @@ def behind(plan: Plan, names: Iterable[str]) -> set[str]:
     found = set(names)
     for node in plan.nodes:
         read = {source for bound in node.inputs for _, source, _ in bound}
-        seen = {name for _, what, own in node.looks_at if what != "transfer" for name in own}
+        seen = {name for _, what, own in node.looks_at if not looks_at_stages(what) for name in own}
         if (read | seen) & found:
             found.add(node.name)
     return found

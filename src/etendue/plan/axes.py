@@ -72,9 +72,6 @@ def _parameter_of(request: Request, key: str, entries: Entries, camera: Quantiti
     """The parameter of a stage that ``stage.parameter`` names; None where nothing, or a fault, comes of it."""
     stage, _, name = key.partition(".")
     place = f"sweep.{key}"
-    if stage == "camera" and name in camera.declared:
-        request.fault(place, f"camera quantities are swept by their own name: sweep.{name}")
-        return None
     if stage not in entries:
         request.fault(place, f"there is no stage named {stage!r}{nearest(stage, entries)}")
         return None

@@ -13,14 +13,15 @@ from etendue.errors import nearest
 from etendue.plan.alternatives import Entries
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
-from etendue.spec.capabilities import Probe, ends_in_sum, is_transfer
+from etendue.spec.capabilities import Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
 from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import looks, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.spec.roles import Datasheet
+from etendue.spec.stage import looks, looks_at_stages, optional_ports, parameters_of, quantities_of, reads_of, writes_of
 from etendue.spec.units import same_unit
 from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
-Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
+Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer', 'datasheet' or variable, nodes in order)
 
 
 def link(
@@ -175,7 +176,10 @@ def _nearest_writer(request: Request, entry: StageEntry, one: Alternative, port:
 
 
 def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound, ...], earlier: list[Node]) -> Looks:
-    """What a node looks at: a probe at all stages, any other stage at the transfer functions in front of what it reads."""
+    """What a node looks at: a probe at all stages, any other stage at the transfer functions in front of what it reads.
+
+    Of the datasheets it is those in front of what is read, or, where there are none, all.
+    """
     found: dict[tuple[str, str], dict[str, None]] = {}
     for one, bound in zip(made, inputs, strict=True):
         for port, declaration in reads_of(one.kind).items():
@@ -183,11 +187,15 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
             if not what:
                 continue
             probe = issubclass(one.kind, Probe)
-            if not probe and what != "transfer":
+            before = _before({source for _, source, _ in bound}, earlier)
+            if not probe and not looks_at_stages(what):
                 request.fault(port, f"{one.kind.__name__} reads {declaration.variable}; only a Probe may look at a variable of all stages")
             if what == "transfer":
-                before = _before({source for _, source, _ in bound}, earlier)
-                chosen = [n.name for n in earlier if n.is_transfer and (probe or n.name in before)]
+                looked = [n for n in earlier if any(is_seen_as_transfer(a.kind) for a in n.alternatives)]
+                chosen = [n.name for n in looked if probe or n.name in before]
+            elif what == "datasheet":
+                looked = [n for n in earlier if any(issubclass(a.kind, Datasheet) for a in n.alternatives)]
+                chosen = [n.name for n in looked if n.name in before] or [n.name for n in looked]
             else:
                 chosen = [n.name for n in earlier if what in n.writes and not n.is_probe]
             found.setdefault((port, what), {}).update(dict.fromkeys(chosen))
@@ -198,12 +206,14 @@ def _looks(request: Request, made: tuple[Alternative, ...], inputs: tuple[Bound,
 def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> set[str]:
     """Dims that reach a node through what it reads and looks at."""
     read = {source for bound in inputs for _, source, _ in bound}
-    seen = {name for _, what, names in looks_at if what != "transfer" for name in names}
+    seen = {name for _, what, names in looks_at if not looks_at_stages(what) for name in names}
     reach = {dim for node in earlier if node.name in read | seen for dim in node.axes}
+    for node in (n for n in earlier for _, what, names in looks_at if what == "datasheet" and n.name in names):
+        reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
     for looked in (n for n in earlier for _, what, names in looks_at if what == "transfer" and n.name in names):
-        # a transfer function depends on its stage, and on the wavelengths of the scenes in front of it
+        # a transfer function depends on its stage, and its mean over wavelength on the scenes and the filters in front of it
         before = _ancestors(looked, earlier)
-        for node in [looked, *(n for n in before if n.is_source)]:
+        for node in [looked, *(n for n in before if n.is_source or any(issubclass(a.kind, Tinting) for a in n.alternatives))]:
             reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
         # and on whether one of its alternatives moves light, which no product of transfer functions holds
         reach |= {n.use_axis for n in before if n.use_axis and len({a.kind.pointwise or is_transfer(a.kind) for a in n.alternatives}) > 1}

@@ -13,24 +13,27 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from etendue import effects
-from etendue.errors import Fault, PluginError, RequestError
+from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.plan import asking, leave_out, scenes
 from etendue.plan.approximate import Seen, choose, open_knobs
 from etendue.plan.forms import Form, output_grid
 from etendue.plan.graph import Graph
+from etendue.plan.machine import available_memory
 from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut, Node
 from etendue.plan.quantities import to_be_found
 from etendue.plan.readings import Reading, reading_of
 from etendue.plan.recipes import Recipes
-from etendue.spec.bounds import beyond
+from etendue.spec.bounds import MOST_CELLS, beyond, number
 from etendue.spec.capabilities import Probe, Source, Summed, Transfer
 from etendue.spec.facts import UNKNOWN, Facts
 from etendue.spec.found import Found
 from etendue.spec.grid import Grid
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.roles import Noisy
-from etendue.spec.stage import Stage, parameters_of, quantities_of, reads_of, writes_of
-from etendue.telling import plain
+from etendue.spec.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
+from etendue.telling import human_bytes, plain
+
+BYTES_OF_A_CELL = 1300  # of a plan, in memory: benchmarks/scale.py
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,13 @@ class _Expansion:
             text = beyond(total, "cells", self.pipeline.most_cells, f"{largest.name} alone has {product}")
             hint = f"; shorten an axis, ask for less with 'wanted', or set most_cells = {total}" if total < 1e9 else "; shorten an axis"
             raise RequestError([Fault("sweep", text + hint)], self.pipeline.file)
+        free = available_memory()
+        if total > MOST_CELLS and free and BYTES_OF_A_CELL * total > free:
+            longest = max(self.axes.values(), key=lambda axis: len(axis.values))
+            need = f"a plan of {number(total)} cells takes about {human_bytes(BYTES_OF_A_CELL * total)}, {human_bytes(free)} are free"
+            raise MachineError(
+                f"{need}; shorten the axis {longest.key}, which has {len(longest.values)} values, or ask for less with 'wanted'"
+            )
         return total
 
     def choose_precision(self) -> str:
@@ -226,7 +236,7 @@ class _Expansion:
             text = "; ".join(f.message for f in error.faults) if isinstance(error, RequestError) else plain(str(error))
             self.faults.setdefault(node.name, Fault(f"{node.place}{f' at {where}' if where else ''}", text))
             return
-        versions, key = self.recipes.key(node, stage, one, inputs, looks_at, decided, seed, open_words, self.precision)
+        versions, key = self.recipes.key(node, stage, one, inputs, looks_at, decided, form, seed, open_words, self.precision)
         cell = Cell(
             ref=(node.name, index), stage=stage, use=one.use, inputs=inputs, looks_at=looks_at, key=key, versions=versions,
             seed=seed, open_words=open_words, input_grids=input_grids, grids=grids, facts=facts,
@@ -336,7 +346,8 @@ class _Expansion:
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
         beside = node.kind.beside if issubclass(node.kind, Probe) else ()
-        names = {name for port, _, own in node.looks_at for name in own if port not in beside}
+        found = [(what, name) for port, what, own in node.looks_at for name in own if port not in beside]
+        names = {name for what, name in found if not looks_at_stages(what) or (what == "transfer" and self.nodes[name].is_transfer)}
         return (("", tuple((name, ()) for name in self.nodes if name in names)),) if node.looks_at else ()
 
     def segment_input(self, node: Node, inputs: Any) -> tuple[CellRef, str] | None:

@@ -1,180 +1,280 @@
-"""The code behind a stage, as a digest: a plugin's whole distribution, of what is built in the modules that a stage reaches.
+"""The code behind a stage, as a digest: all that its module imports, of whatever distribution, and the engine that runs it.
 
 In:  the class of a stage.
-Out: 128-bit BLAKE2b digests. An edited kernel is seen, an edited report is not.
+Out: 128-bit BLAKE2b digests, whole and by module, so that a change can be named. An edited kernel is seen, an edited report is not.
 
-What a module holds and imports is kept between runs by the state of its file, so that no module is read twice (`cache`).
+Imports are followed from file to file, in functions and behind conditions too. What a library that knows nothing of etendue imports is
+not looked for: it counts whole, with what it requires, as does a distribution in which an import cannot be followed. The standard library
+stands in the platform, and so do numpy and scipy; other libraries of the engine count by their version.
 """
 
 from __future__ import annotations
 
-import ast
-import json
-import os
+import inspect
 import sys
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from pkgutil import iter_modules
+from types import FunctionType
+from typing import Any, NamedTuple
 
-from etendue import cache as kept
+from etendue import discovery
+from etendue.plan import sources
+from etendue.plan.distributions import CODE, SITES, VERSIONED, Installed, owner_of, place_of, sha256, top_of, whole
+from etendue.plan.engine import ENGINE, RANDOM_KERNELS, TRANSFER_KERNELS, only_moves
 from etendue.plan.keys import digest
-from etendue.spec.capabilities import is_transfer
-from etendue.spec.stage import Stage
+from etendue.spec.capabilities import is_random, is_transfer
+from etendue.spec.stage import Stage, per_kind
 
-PACKAGE = Path(__file__).parent.parent
-FOLLOWED = ("etendue.physics", "etendue.spec", "etendue.spectra", "etendue.constants", "etendue.stages", "etendue.api")
-SEGMENT_MODULES = ("etendue.physics.light.sampling", "etendue.physics.light.cell_pixels")
-TABLES = (".csv", ".npz")  # endings of data that kernels and spectra read as resources of the package
-SETTLED = 2.0  # s; a file edited more recently may be edited again within the same tick of its clock
-FORM = 1  # of what is kept
+OWN = "etendue"
+DOOR = "etendue.api"  # it only hands on: what is taken out of it is followed to where it stands
+IN_PLATFORM = {"numpy", "scipy"}
 
 
+class Code(NamedTuple):
+    """What stands behind a stage."""
+
+    sources: dict[str, str]  # digests by module, file or library
+    libraries: frozenset[str]  # those that count by version
+
+
+@per_kind
 def code_digest(kind: type[Stage]) -> str:
-    """Digest of the code behind a stage."""
-    module = kind.__module__
-    if module.startswith("etendue."):
-        return _built_in_digest(module, SEGMENT_MODULES if is_transfer(kind) else ())
-    top = sys.modules.get(module.split(".")[0])
-    file = getattr(top, "__file__", None) or getattr(sys.modules.get(module), "__file__", None)
-    if file is None:
-        return digest(module.encode())
-    path = Path(file)
-    own = _tree_digest(str(path.parent if path.name == "__init__.py" else path))
-    models = sorted({base.__module__ for base in kind.__mro__ if base.__module__.startswith("etendue.stages.")})
-    return digest(" ".join([own, *(_built_in_digest(one, ()) for one in models)]).encode()) if models else own
+    """Digest of the code behind a stage, and of the engine."""
+    found = digest("\n".join(f"{name} {one}" for name, one in sorted(code_of(kind).sources.items())).encode())
+    sources.keep()
+    return found
+
+
+def libraries_of(kind: type[Stage]) -> frozenset[str]:
+    """The distributions whose version is part of the keys of a stage: those that it names, and those that its code imports."""
+    return code_of(kind).libraries.union(kind.libraries)
+
+
+@per_kind
+def code_of(kind: type[Stage]) -> Code:
+    """Digests of all code that can change what a stage writes."""
+    roots = {module for base in kind.__mro__ for module in (base.__module__, *_modules_in(vars(base).values()))}
+    if is_transfer(kind):
+        roots.update(TRANSFER_KERNELS)
+    if is_random(kind):
+        roots.update(RANDOM_KERNELS)
+    found = _reached(roots)
+    if place_of(kind.__module__) is None:  # written in a notebook
+        found.sources[kind.__module__] = digest(_text_of(kind).encode())
+    return Code({**engine(), **found.sources}, found.libraries)
 
 
 @cache
-def _tree_digest(root: str) -> str:
-    """Digest of a plugin's whole package: every file but bytecode."""
-    base = Path(root)
-    files = [base] if base.is_file() else sorted(p for p in base.rglob("*") if p.is_file() and "__pycache__" not in p.parts)
-    return digest("\n".join(f"{p.relative_to(base.parent)} {digest(p.read_bytes())}" for p in files).encode())
+def engine() -> dict[str, str]:
+    """Digests of the engine's modules that can change a bit of a cell."""
+    return {name: sources.known(_own_file(name) or Path(name)).digest for name in ENGINE}
 
 
-# ---------------------------------------------------------------------------------------- what is built in
+@cache
+def code_at(module: str) -> str:
+    """Digest of a module of the package and of all it reaches, the engine's modules too."""
+    return digest("\n".join(f"{name} {one}" for name, one in sorted({**engine(), **_reached([module]).sources}.items())).encode())
+
+
+def _modules_in(values: Iterable[Any]) -> Iterator[str]:
+    """The modules of functions, of what they are made around, and of what they stand for."""
+    for value in values:
+        value = value.func if isinstance(value, partial) else getattr(value, "__func__", value)
+        if isinstance(value, FunctionType):
+            yield value.__module__
+            yield from (inner.__module__ for cell in value.__closure__ or () if isinstance(inner := _inside(cell), FunctionType))
+
+
+def _inside(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # not yet filled
+        return None
+
+
+def _text_of(kind: type[Stage]) -> str:
+    try:
+        return inspect.getsource(kind)
+    except (OSError, TypeError):
+        return kind.__module__
+
+
+# ------------------------------------------------------------------------------------------------ followed
 
 
 @dataclass(frozen=True)
-class _File:
-    """What is known of a file of the package: its digest, what it imports, whether it is a docstring alone, whether it reads tables."""
+class _Step:
+    """What one name stands for, and the names behind it."""
 
-    digest: str
-    imports: tuple[str, ...] = ()
-    words: bool = False
-    tables: bool = False
-
-
-@cache
-def _built_in_digest(module: str, extra: tuple[str, ...]) -> str:
-    names = set(_reaches(module)).union(*(_reaches(name) for name in extra))
-    parts = []
-    for name in sorted(names):
-        path = _module_file(name)
-        assert path is not None
-        own = _known(path)
-        parts.append(f"{name} {own.digest}")
-        if own.tables:
-            parts += [f"{p.name} {_known(p).digest}" for p in sorted((PACKAGE / "data").iterdir()) if p.suffix in TABLES]
-    _keep()
-    return digest("\n".join(parts).encode())
+    sources: Mapping[str, str] = field(default_factory=dict)
+    libraries: frozenset[str] = frozenset()
+    behind: Iterable[str] = ()
 
 
-@cache
-def _reaches(module: str) -> frozenset[str]:
-    """The module and every module of stages, physics, spec, spectra and constants that it imports, at any depth."""
-    seen: set[str] = set()
-    open_ = [module]
+def _reached(roots: Iterable[str]) -> Code:
+    """What some modules, and all that they import at any depth, consist of."""
+    found, libraries, seen, open_ = dict[str, str](), set[str](), set[str](), list(roots)
     while open_:
         name = open_.pop()
-        path = None if name in seen else _module_file(name)
-        if path is None or _known(path).words:
+        if name in seen:
             continue
         seen.add(name)
-        open_ += [m for m in _known(path).imports if m.startswith(FOLLOWED)]
-    return frozenset(seen)
+        step = _step(name)
+        found.update(step.sources)
+        libraries |= step.libraries
+        open_ += step.behind
+    return Code(found, frozenset(libraries - IN_PLATFORM))
 
 
 @cache
-def _module_file(module: str) -> Path | None:
-    base = PACKAGE.parent / Path(*module.split("."))
-    for candidate in (base.with_suffix(".py"), base / "__init__.py"):
-        if candidate.is_file():
-            return candidate
-    return None
+def _step(name: str) -> _Step:
+    top, _, rest = name.partition(".")
+    if top in sys.stdlib_module_names and top != "__main__":
+        return _Step()
+    if top in VERSIONED:
+        return _Step(libraries=frozenset({VERSIONED[top]}))
+    package = name.rpartition(".")[0]
+    above = (package,) if rest else ()
+    if top == OWN:
+        return _of_etendue(name, above)
+    if name.endswith(".*"):
+        place = place_of(package)
+        return _Step(behind=(*above, *(f"{package}.{one.name}" for one in iter_modules(place.folders if place else ()))))
+    return _of_others(name, above)
 
 
-def _statements(tree: ast.AST) -> Iterator[ast.AST]:
-    """The statements of a module at any depth: nothing else holds an import, and most of a tree is expressions."""
-    open_ = [tree]
-    while open_:
-        node = open_.pop()
-        yield node
-        for name in ("body", "orelse", "finalbody", "handlers", "cases"):
-            found = getattr(node, name, None)
-            if isinstance(found, list):
-                open_ += found
+def _behind(name: str, file: Path, source: sources.Source) -> Iterator[str]:
+    """The names that a module imports, whole."""
+    package = name if file.name.startswith("__init__.") else name.rpartition(".")[0]
+    for one in source.imports:
+        dots = len(one) - len(one.lstrip("."))
+        if dots:
+            base = package.rsplit(".", dots - 1)[0] if dots > 1 else package
+            one = f"{base}.{one[dots:]}".removesuffix(".")
+        yield one
+    for one in source.classes:
+        if one in _models():
+            yield _models()[one]
 
 
-def _read(path: Path) -> _File:
-    source = path.read_bytes()
-    if path.suffix != ".py":
-        return _File(digest(source))
-    tree = ast.parse(source)
-    found: set[str] = set()
-    for node in _statements(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found.add(node.module)
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    words = path.name == "__init__.py" and all(isinstance(n, ast.Expr) for n in tree.body)
-    tables = b"importlib.resources" in source or b"importlib import resources" in source
-    return _File(digest(source), tuple(sorted(found)), words, tables)
+def _of_etendue(name: str, above: tuple[str, ...]) -> _Step:
+    if name == DOOR or name.startswith(f"{DOOR}."):
+        return _Step(behind=tuple(_through_the_door(name.removeprefix(DOOR).removeprefix("."))))
+    if only_moves(name) or name in ENGINE:
+        return _Step()
+    file = _own_file(name)
+    if file is None:
+        return _Step(behind=above)
+    source = sources.known(file)
+    if source.words:
+        return _Step(behind=above)
+    found = {name: source.digest}
+    if source.beside:
+        text = file.read_text(encoding="utf-8")
+        tables = (path for path in (sources.PACKAGE / "data").iterdir() if path.is_file() and path.name in text)
+        found |= {f"data/{path.name}": sources.known(path).digest for path in tables}
+    return _Step(found, behind=(*above, *_behind(name, file, source)))
 
 
-# ---------------------------------------------------------------------------------------- kept between runs
-
-
-@cache
-def _kept() -> dict[str, Any]:
-    """State and content by name of what earlier runs have read; empty where that is not whole."""
-    data = kept.read("code", _place()) or b""
-    try:
-        found = json.loads(data[33:]) if data[:32].decode() == digest(data[33:]) else {}
-    except ValueError:
-        found = {}
-    return found if isinstance(found, dict) else {}
-
-
-_fresh: list[str] = []  # names that are read in this process and not yet kept
-
-
-@cache
-def _known(path: Path) -> _File:
-    name, found = path.relative_to(PACKAGE).as_posix(), os.stat(path)
-    state = [found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino]
-    entry = _kept().get(name)
-    if entry is not None and entry[0] == state:
-        return _File(entry[1], tuple(entry[2]), entry[3], entry[4])
-    own = _read(path)
-    if time.time() - found.st_mtime > SETTLED:
-        _kept()[name] = [state, own.digest, own.imports, own.words, own.tables]
-        _fresh.append(name)
-    return own
-
-
-def _keep() -> None:
-    if _fresh:
-        _fresh.clear()
-        body = json.dumps(_kept()).encode()
-        kept.write("code", _place(), digest(body).encode() + b"\n" + body)
+def _through_the_door(name: str) -> Iterator[str]:
+    """Where that stands which is taken out of ``etendue.api``; all of it where the module itself is."""
+    if name in ("", "spectra"):
+        yield "etendue.spectra"
+    file = _own_file(DOOR)
+    for one in sources.known(file).imports if file else ():
+        if name in ("", "*") or one.rpartition(".")[2] == name:
+            yield one
 
 
 @cache
-def _place() -> str:
-    """The file for this package, by where it stands: two checkouts do not take turns in one."""
-    return digest(f"{FORM} {PACKAGE}".encode())
+def _own_file(module: str) -> Path | None:
+    base = sources.PACKAGE.parent / Path(*module.split("."))
+    above = _own_file(module.rpartition(".")[0]) if module.count(".") > 1 else None
+    if above is not None and above.name != "__init__.py":
+        return None  # taken out of a module
+    return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
+
+
+@cache
+def _models() -> dict[str, str]:
+    """The modules of built-in stages by the names of their classes, as ``etendue.models`` gives them."""
+    found = discovery.installed()
+    brought = (found.first("stages", name) for name in found.names("stages"))
+    places = (one.value for one in brought if one is not None and one.distribution == OWN and isinstance(one.value, str))
+    return {kind: module for module, _, kind in (place.partition(":") for place in places)}
+
+
+# ------------------------------------------------------------------------------------------------ of others
+
+
+def _of_others(name: str, above: tuple[str, ...]) -> _Step:
+    place = place_of(name)
+    if place is None or place.file is None:
+        return _Step(behind=above)
+    top = top_of(name, place.file)
+    owner = owner_of(top)
+    if owner is not None and not owner.knows_etendue:
+        return _Step(*whole(owner))
+    source = sources.known(place.file)
+    found, libraries = {name: source.digest}, frozenset[str]()
+    if source.hides and owner is not None:
+        more, libraries = whole(owner)
+        found |= more
+    elif source.hides:
+        found |= {path.relative_to(top.parent).as_posix(): sources.known(path).digest for path in _around(top)}
+    found |= _data(place.file, top, owner, source)
+    behind = tuple(_behind(name, place.file, source))
+    if "etendue.api.labelled" in behind or "etendue.api.*" in behind:
+        libraries |= {"xarray"}
+    return _Step(found, libraries, (*above, *behind))
+
+
+@cache
+def _under(folder: Path) -> tuple[Path, ...]:
+    """The files of a folder; bytecode and what is hidden aside."""
+    found = []
+    for path in sorted(folder.rglob("*")):
+        parts = path.relative_to(folder).parts
+        if path.is_file() and path.suffix not in CODE[1:] and not any(part.startswith(".") or part == "__pycache__" for part in parts):
+            found.append(path)
+    return tuple(found)
+
+
+def _around(top: Path) -> Iterator[Path]:
+    """The modules and packages that stand beside one in its folder of the path: a distribution that is not installed, but edited."""
+    beside = [top] if top.parent.name in SITES else sorted(top.parent.iterdir())
+    for path in beside:
+        if path.is_dir() and (path == top or (path / "__init__.py").is_file()):
+            yield from _under(path)
+        elif path == top or (path.is_file() and path.suffix in (".py", ".so", ".pyd")):
+            yield path
+
+
+def _data(file: Path, top: Path, owner: Installed | None, source: sources.Source) -> dict[str, str]:
+    """What a module may read that is no code: all such files of its distribution or package; of a module alone what lies beside it."""
+    if owner is not None:
+        return _data_of(owner)
+    package = next((folder for folder in reversed(file.parents) if folder.is_relative_to(top) and (folder / "__init__.py").is_file()), None)
+    if package is not None:
+        return _digests(_under(package), top.parent)
+    if not source.beside or top.parent.name in SITES:
+        return {}
+    text = file.read_text(encoding="utf-8", errors="replace")
+    beside = [path for path in file.parent.iterdir() if path.is_file() and not path.name.startswith(".")]
+    named = (folder for folder in file.parent.iterdir() if folder.is_dir() and folder.name in text)
+    return _digests((*beside, *(path for folder in named for path in _under(folder))), top.parent)
+
+
+@cache
+def _digests(paths: tuple[Path, ...], root: Path) -> dict[str, str]:
+    """Of those that are no code, by where they stand."""
+    return {path.relative_to(root).as_posix(): sources.known(path).digest for path in paths if path.suffix not in CODE}
+
+
+@cache
+def _data_of(owner: Installed) -> dict[str, str]:
+    site = owner.folder.parent
+    return {path.relative_to(site).as_posix(): known or sha256(path) for path, known in owner.files() if path.suffix not in CODE}

@@ -6,6 +6,7 @@ Out: 128-bit BLAKE2b digests, and the fields they were made of, so that a change
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import importlib.metadata
 import json
@@ -13,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.discovery import named
 from etendue.spec.found import Found
 from etendue.spec.stage import Stage, file_state, files_of, parameters_of
@@ -33,6 +35,15 @@ def canonical(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [canonical(v) for v in value]
     return value
+
+
+def plain_text(value: Any) -> str:
+    """Grids as text that is the same for equal ones: whether a number of them came as an int, a float or one of numpy's."""
+    if dataclasses.is_dataclass(value):
+        return f"{type(value).__name__}({' '.join(plain_text(getattr(value, field.name)) for field in dataclasses.fields(value))})"
+    if isinstance(value, tuple | list):
+        return f"({' '.join(map(plain_text, value))})"
+    return float(value).hex() if hasattr(value, "__float__") else repr(value)
 
 
 def key_of(fields: dict[str, Any]) -> str:
@@ -56,12 +67,10 @@ def file_digest(path: str) -> str:
 def _file_digest(path: str, state: tuple[int, int]) -> str:
     whole = Path(path)
     if not whole.is_dir():
-        with whole.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return plain_files.sha256(whole, None)
     found = hashlib.sha256()
     for part in sorted(p for p in whole.rglob("*") if p.is_file()):
-        with part.open("rb") as file:
-            found.update(f"{part.relative_to(whole).as_posix()} {hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+        found.update(f"{part.relative_to(whole).as_posix()} {plain_files.sha256(part, None)}\n".encode())
     return found.hexdigest()
 
 

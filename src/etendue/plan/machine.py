@@ -18,7 +18,7 @@ def check_machine(plan: Plan, archive: Path | None) -> None:
     need = sum(
         cell_bytes(n, c, plan.precision, [v for v in n.writes if (n.name, v) in plan.kept]) for n in plan.nodes for c in plan.of(n.name)
     )
-    available = _available_memory()
+    available = available_memory()
     peak = peak_memory(plan) + (need if archive is None else 0)
     if available and peak > available:
         where = "held in memory" if archive is None else "held at once"
@@ -53,7 +53,7 @@ def _way_out(plan: Plan, one: int, room: int) -> str:
     return f"; the axis {longest.key} has {len(longest.values)} values; shorten 'keep' or the sweep"
 
 
-def _available_memory() -> int:
+def available_memory() -> int:
     """Bytes that can be had without swapping; the system's cache of files counts as free."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():

@@ -12,11 +12,11 @@ from functools import cached_property
 from typing import Any
 
 from etendue.plan.numbers import Numbers
-from etendue.spec.capabilities import Probe, ends_in_sum, is_random, is_source, is_transfer
+from etendue.spec.capabilities import Probe, Source, Summed, Tinting, draws_anew, ends_in_sum, is_random, is_source, is_transfer
 from etendue.spec.facts import Facts
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, quantities_of
+from etendue.spec.stage import Stage, quantities_of, reads_of, writes_of
 from etendue.spec.variables import Declaration
 
 CellRef = tuple[str, tuple[int, ...]]
@@ -99,6 +99,10 @@ class Node:
     def is_random(self) -> bool:
         return any(is_random(a.kind) for a in self.alternatives)
 
+    @property
+    def draws_anew(self) -> bool:
+        return any(draws_anew(a.kind) for a in self.alternatives)
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -174,6 +178,33 @@ def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
             return False
         cell = cells[cell.inputs[0][1]]
     return True
+
+
+def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
+    """Of the cells that are looked at the first that sums over wavelength, or else the last; none of none."""
+    return [c for c in cells if isinstance(c.stage, Summed)][:1] or list(cells[-1:])
+
+
+def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | None:
+    """White light by band in front of a transfer cell: that of the scene, less what filters have taken; the largest 1, to 12 places.
+
+    None where the scene does not say, or a stage changes white in a way of its own.
+    """
+    edges = cell.input_grids[cell.inputs[0][0]].bands().edges
+    passed = [1.0] * (len(edges) - 1)
+    while cell.inputs:
+        reads, writes = reads_of(type(cell.stage)), writes_of(type(cell.stage))
+        if isinstance(cell.stage, Tinting):
+            taken = cell.stage.transmission(next(grid for grid in cell.input_grids.values() if "wavelength" in grid))
+            passed = [own * float(share) for own, share in zip(passed, taken, strict=True)]
+        elif "white_irradiance" in {d.variable for d in reads.values()} & {d.variable for d in writes.values()}:
+            return None
+        cell = cells[cell.inputs[0][1]]
+    white = cell.stage.white_light(edges) if isinstance(cell.stage, Source) else None
+    if white is None or len(white) != len(passed):
+        return None
+    light = [share * float(own) for share, own in zip(passed, white, strict=True)]
+    return tuple(round(value / max(light), 12) for value in light) if max(light) > 0 else None
 
 
 def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from etendue import plain_files
 from etendue.errors import nearest, unprintable
 from etendue.hookspecs import SPECTRA
 from etendue.spec.parameter import Parameter
@@ -29,9 +31,10 @@ class Unfit(ValueError):
 def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
     """Absolute path of a file parameter (of a folder, where those are allowed).
 
-    ``package:matplotlib/...`` names a file in an installed distribution.
+    ``package:matplotlib/...`` names a file in an installed distribution. What an archive has recorded names files in its ``inputs/`` alone.
     """
-    if text.startswith("package:"):
+    own = inputs_of(folder)
+    if text.startswith("package:") and own is None:
         package, _, rest = text.removeprefix("package:").partition("/")
         try:
             spec = importlib.util.find_spec(package) if package.isidentifier() else None
@@ -39,18 +42,38 @@ def resolve_file(text: str, folder: Path, folders: bool = False) -> Path:
             spec = None
         if spec is None or not spec.submodule_search_locations:
             raise Unfit(f"there is no installed package {package!r}; install it, or give the path of a file")
+        if ".." in rest.split("/") or rest.startswith("/"):
+            raise Unfit(f"{as_written(text)} leads out of the package; name a file in it")
         path = Path(next(iter(spec.submodule_search_locations))) / rest
     else:
         path = (folder / text).absolute()
+    if own is not None and not _lies_in(path, own):
+        raise Unfit(f"{as_written(text)} is not in the archive's inputs/; no word of an archive names files elsewhere")
     try:
         if not path.is_file() and not (folders and path.is_dir()):
             hint = nearest(path.name, [p.name for p in path.parent.iterdir()]) if path.parent.is_dir() else ""
             if "did you" not in hint:
                 hint = "" if text.startswith("package:") else "; relative paths start at the folder of the pipeline"
             raise Unfit(f"there is no file {as_written(text)}{hint}")
+        if not path.is_dir():
+            plain_files.check_plain(path)
     except OSError as error:
         raise Unfit(f"{as_written(text)} cannot be read: {error.strerror}") from None
     return path
+
+
+def inputs_of(folder: Path) -> Path | None:
+    """The inputs of an archive, where a folder is that of its records: its pipelines name files there and nowhere else."""
+    whole = folder.absolute().parent
+    ours = folder.name == "runs" and any(os.path.lexists(whole / name) for name in ("data.zarr", "journal.jsonl", "manifest.json"))
+    return whole / "inputs" if ours else None
+
+
+def _lies_in(path: Path, own: Path) -> bool:
+    """Whether a file, or all of a folder, lies in a folder, links followed."""
+    whole = own.parent.resolve() / own.name
+    inside = path.resolve().is_relative_to(whole)
+    return inside and all(one.resolve().is_relative_to(whole) for one in (path.rglob("*") if path.is_dir() else ()) if one.is_symlink())
 
 
 def expected(parameter: Parameter) -> str:
@@ -59,8 +82,18 @@ def expected(parameter: Parameter) -> str:
     return (f" in {parameter.units}" if parameter.units not in ("1", "") else "") + (f", {limits}" if limits else "")
 
 
+class _Wanted:
+    """What is said of a number that does not fit: put together where it is said, as an axis may have 100,000 that do."""
+
+    def __init__(self, parameter: Parameter, whole: bool) -> None:
+        self.parameter, self.whole = parameter, whole
+
+    def __str__(self) -> str:
+        return f"a {'whole ' if self.whole else ''}number{expected(self.parameter)}"
+
+
 def _number(value: Any, parameter: Parameter, whole: bool) -> float | int:
-    wanted = f"a {'whole ' if whole else ''}number{expected(parameter)}"
+    wanted = _Wanted(parameter, whole)
     if hasattr(value, "item"):
         value = value.item()  # a scalar of numpy, from Python
     if isinstance(value, bool):

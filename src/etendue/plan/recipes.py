@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from etendue.plan import asking, words
-from etendue.plan.code import code_digest
-from etendue.plan.keys import digest, parameters_digest, version_of
-from etendue.plan.model import Alternative, Cell, CellRef, Node, chains, is_whole, scene_of
-from etendue.spec.capabilities import Sampled, is_random
-from etendue.spec.stage import Stage, arguments_of, looks, parameters_of, quantities_of, reads_of
+from etendue.plan.code import code_digest, libraries_of
+from etendue.plan.cost import too_large
+from etendue.plan.forms import Form
+from etendue.plan.keys import digest, parameters_digest, plain_text, version_of
+from etendue.plan.model import Alternative, Cell, CellRef, Node, chains, is_whole, light_of, pixel_of, scene_of
+from etendue.spec.capabilities import Sampled, draws_anew, is_random
+from etendue.spec.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
 
-NONE: Mapping[str, str] = MappingProxyType({})
+NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
 Lines = frozenset[str]
 Head = tuple[str, Mapping[str, str], bool]  # text, versions of libraries, whether draws count
 AS_TEXT = json.JSONEncoder(sort_keys=True).encode
@@ -36,6 +37,7 @@ class Recipes:
         self.words: dict[tuple[str, int], tuple[str, ...]] = {}
         self.digests: dict[int, str] = {}  # of the parameters of a stage, by its identity: hashing a stage costs as much again
         self.heads: dict[tuple[Any, ...], Head] = {}
+        self.forms: dict[int, str] = {}  # what counts of grids, by the identity of what many cells share
         self.looked: dict[tuple[Any, ...], str] = {}  # what counts of transfer functions that are looked at: the same ones by many cells
         self.versions: dict[frozenset[str], dict[str, str]] = {}
         self.behind: dict[CellRef, Lines | None] = {}
@@ -57,6 +59,7 @@ class Recipes:
         inputs: Any,
         looks_at: Any,
         decided: Any,
+        form: Form,
         seed: bytes,
         open_words: Any,
         precision: str,
@@ -68,7 +71,9 @@ class Recipes:
             return NONE, self.cells[source].key
         averaged = self.expected and isinstance(stage, Sampled)
         head, versions, draws = self.head(node, stage, one, precision, averaged, looks_at)
-        lines = [head, *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
+        lines = [head, self.text_of_form(form), *(f"{port} {self.cells[ref].key}" for port, ref, _ in inputs)]
+        if node.segment:
+            lines.append(self.text_of_segment(node, inputs, precision))
         if draws:
             lines.append(seed.decode())  # values of ancestors count here even where a stage is left out
             lines += [f"{word.stage}.{word.name} {self.cells[word.ref].key}" for word in open_words]
@@ -79,21 +84,37 @@ class Recipes:
     def head(self, node: Node, stage: Stage, one: Alternative, precision: str, averaged: bool, looks_at: Any) -> Head:
         """What the keys of all cells of a stage at a node begin with."""
         asked = [ref for port, refs in looks_at if looks(reads_of(one.kind)[port]) == "transfer" for ref in refs]
-        libraries = frozenset().union(*(self.cells[ref].stage.libraries for ref in asked))
+        libraries = frozenset().union(*(libraries_of(type(self.cells[ref].stage)) for ref in asked))
         place = (node.name, id(stage), one.label, libraries if asked else None)
         known = self.heads.get(place)
         if known is not None:
             return known
         bound = is_random(type(stage)) or node.segment or asked
-        versions = self.versions_of(libraries.union(stage.libraries, ("numpy", "scipy") if bound else ()))
+        versions = self.versions_of(libraries.union(libraries_of(type(stage)), ("numpy", "scipy") if bound else ()))
         fields: dict[str, Any] = {
             "stage": one.use, "code": one.digest, "parameters": self.parameters(stage), "precision": precision, "versions": versions,
-            "expected": averaged,
+            "expected": averaged, "along": {name: q.along for name, q in quantities_of(type(stage)).items() if q.along},
         }  # fmt: skip
-        if is_random(type(stage)) and not averaged:
+        draws = draws_anew(type(stage)) and not averaged  # fixed patterns follow the serial, a parameter
+        if draws:
             fields["seed"], fields["name"] = self.pipeline_seed, node.name
-        found = self.heads[place] = AS_TEXT(fields), versions, "rng" in arguments_of(type(stage)) and not averaged
+        found = self.heads[place] = AS_TEXT(fields), versions, draws
         return found
+
+    def text_of_form(self, form: Form) -> str:
+        """The grids of what a cell writes, and the dims that it is mapped over."""
+        known = self.forms.get(id(form))
+        if known is None:
+            known = self.forms[id(form)] = AS_TEXT([[[v, plain_text(grid)] for v, grid in form.grids.items()], plain_text(form.mapped)])
+        return known
+
+    def text_of_segment(self, node: Node, inputs: Any, precision: str) -> str:
+        """How far in front of a transfer function its segment begins, and whether the light there is streamed: other bits either way."""
+        first, _, variable = inputs[0][1], None, inputs[0][2]
+        for _ in range(len(node.segment) - 1):
+            _, first, variable = self.cells[first].inputs[0]
+        streamed = too_large(self.nodes[first[0]].writes[variable], self.cells[first].grids[variable], precision)
+        return f"segment {len(node.segment)} {streamed}"
 
     def text_of_looked_at(self, node: Node, one: Alternative, looks_at: Any) -> str:
         """What counts of all that a cell looks at; remembered of transfer functions, since cells look at the same ones."""
@@ -101,20 +122,25 @@ class Recipes:
         known = self.looked.get(place)
         if known is None:
             known = AS_TEXT([[port, self.looked_at(one, port, [self.cells[ref] for ref in refs])] for port, refs in looks_at])
-            if all(looks(reads_of(one.kind)[port]) == "transfer" for port, _ in looks_at):
+            if all(looks_at_stages(looks(reads_of(one.kind)[port])) for port, _ in looks_at):
                 self.looked[place] = known
         return known
 
     def looked_at(self, one: Alternative, port: str, cells: list[Cell]) -> Any:
-        """What counts of the cells that a stage looks at: of transfer functions the stages, left out or not."""
-        if looks(reads_of(one.kind)[port]) != "transfer":
+        """What counts of the cells that a stage looks at: of transfer functions and datasheets the stages, left out or not."""
+        what = looks(reads_of(one.kind)[port])
+        if not looks_at_stages(what):
             return [[cell.node, cell.key] for cell in cells]
+        stages = [[c.node, c.use, code_digest(type(c.stage)), self.parameters(c.stage)] for c in cells]
+        if what == "datasheet":
+            return stages
         return [
-            [[c.node, c.use, code_digest(type(c.stage)), self.parameters(c.stage)] for c in cells],
+            stages,
             [list(c.input_grids[c.inputs[0][0]].bands().edges) for c in cells[:1]],
             [scene_of(self.cells, c).facts.rendered for c in cells[:1]],
+            [light_of(self.cells, c) for c in pixel_of(cells)],
             [chains([c.node for c in cells], self.nodes), [is_whole(self.cells, c) for c in cells]],
-            [repr(g) for c in cells for g in c.grids.values()],
+            [plain_text(g) for c in cells for g in c.grids.values()],
         ]
 
     def versions_of(self, libraries: frozenset[str]) -> dict[str, str]:
@@ -125,7 +151,7 @@ class Recipes:
 
     def seed(self, node: Node, stage: Stage, inputs: Any, looks_at: Any) -> tuple[bytes, tuple[words.Open, ...]]:
         """Words that key the random numbers of a cell: values only, so that a cell alone equals the cell in a sweep."""
-        if not is_random(type(stage)) or (self.expected and isinstance(stage, Sampled)):
+        if not draws_anew(type(stage)) or (self.expected and isinstance(stage, Sampled)):
             return b"", ()
         if asking.common_draws(stage):
             return f"{self.pipeline_seed}|{node.name}|".encode(), ()

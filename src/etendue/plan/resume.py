@@ -15,6 +15,7 @@ from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.sensors import SENSOR
 from etendue.registry import installed_stages
+from etendue.spec.stage import looks_at_stages
 
 
 @dataclass
@@ -109,7 +110,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
                 todo.add(source)
         todo |= {word.ref for word in cell.open_words if (word.ref[0], word.variable) not in plan.kept}
         for port, what, _ in node.looks_at:
-            if what != "transfer":
+            if not looks_at_stages(what):
                 todo |= {s for s in dict(cell.looks_at).get(port, ()) if (s[0], what) not in plan.kept}
     return todo
 

@@ -7,12 +7,13 @@ Out: its ``Spectrum``, and the seconds that looking at it took.
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
 
 from etendue import cache, scenes
-from etendue.plan.code import code_digest
+from etendue.plan.code import code_at, code_digest, libraries_of
 from etendue.plan.keys import key_of, parameters_for_key, version_of
 from etendue.scenes import light_of
 from etendue.spec.capabilities import Source
@@ -23,24 +24,28 @@ FORM = 1  # of the file
 __all__ = ["light_of", "spectrum_of"]
 MOST = 64  # spectra of which a process knows itself
 _KNOWN: dict[str, Spectrum | None] = {}
+_lock = threading.Lock()
 
 
 def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | None, float]:
     """What the light of a scene holds, and the seconds spent on it now."""
     grid = sorted((name, repr(grid)) for name, grid in grids.items())
-    code, versions = code_digest(type(source)), {name: version_of(name) for name in source.libraries}
+    code = [code_digest(type(source)), code_at("etendue.scenes")]
+    versions = {name: version_of(name) for name in sorted(libraries_of(type(source)))}
     key = key_of({"form": FORM, "code": code, "versions": versions, "parameters": parameters_for_key(source), "grid": grid})
-    if key in _KNOWN:
-        return _KNOWN[key], 0.0
+    with _lock:
+        if key in _KNOWN:
+            return _KNOWN[key], 0.0
     began = time.perf_counter()
     found = _read(cache.read("scenes", key))
     if found is None:
         found = scenes.spectrum_of(source, grids)
         if found is not None:
             cache.write("scenes", key, json.dumps(asdict(found)).encode())
-    while len(_KNOWN) >= MOST:
-        _KNOWN.pop(next(iter(_KNOWN)))
-    _KNOWN[key] = found
+    with _lock:
+        while len(_KNOWN) >= MOST:
+            _KNOWN.pop(next(iter(_KNOWN)))
+        _KNOWN[key] = found
     return found, time.perf_counter() - began
 
 

@@ -16,7 +16,7 @@ from etendue.plan import cost
 from etendue.plan.model import Cell, Node, Plan
 from etendue.spec.capabilities import Banded, Probe, halo_of, is_source, is_transfer
 from etendue.spec.grid import Grid
-from etendue.spec.stage import reads_of
+from etendue.spec.stage import looks_at_stages, reads_of
 
 LARGEST_WHOLE = 1 << 21  # pixels of a frame up to which cells are computed whole
 STRIP = 1 << 19  # pixels of a strip, about
@@ -59,7 +59,7 @@ def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
         return None
     if is_transfer(kind) or is_source(kind) or issubclass(kind, Probe):
         return None
-    if cell.looks_at and any(what != "transfer" for _, what, _ in node.looks_at):
+    if cell.looks_at and any(not looks_at_stages(what) for _, what, _ in node.looks_at):
         return None
     ports = reads_of(kind)
     read = [(port, variable) for port, _, variable in cell.inputs if port in ports]

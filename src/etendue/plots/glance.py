@@ -23,13 +23,15 @@ from etendue.archive.journal import read
 from etendue.archive.manifest import DATA
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
+from etendue.archive.vouched import open_archive
 from etendue.errors import ArchiveError, EtendueError
 from etendue.plots import pictures
 from etendue.plots.glance_cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
 from etendue.plots.holdings import FINISHED, Held, Holdings
 from etendue.plots.kinds import shown_at
 from etendue.plots.labels import places_text, unit_text, value_text
-from etendue.plots.strip import Tile, of_frames, picture_of
+from etendue.plots.strip import Tile, drawn_of, of_frames, picture_of
+from etendue.spec.drawn import Pictured
 
 FIRST = (
     "effective_lp_mm", "edge_effective_lp_mm", "mtf50_lp_mm", "mean_snr", "snr_18", "dr_elgamal", "clipped_fraction", "airy_diameter",
@@ -109,8 +111,21 @@ def glance(tree: xarray.DataTree | xarray.Dataset) -> Glance:
             return _whole(tree, place, folder)
         except UNREADABLE as error:
             why = f"it cannot be read: {error}"
-    mend = [(f"etendue verify {place} --repair", "computes what is lost, and nothing else")] if folder else []
-    return Glance(_named(tree, folder), place, "damaged", 0, {}, [], "", [], [], [], [], mend, [why])
+    return _broken(_named(tree, folder), place if folder else "", why)
+
+
+def glance_at(folder: Path) -> Glance:
+    """The same of an archive in a folder, though it is so damaged that no tree can be made of it."""
+    try:
+        return glance(open_archive(folder))
+    except ArchiveError as error:
+        record = latest_record(folder) or {}
+        return _broken(str(record.get("pipeline", "") or folder.resolve().name), shlex.quote(str(folder)), str(error))
+
+
+def _broken(name: str, place: str, why: str) -> Glance:
+    mend = [(f"etendue verify {place} --repair", "computes what is lost, and nothing else")] if place else []
+    return Glance(name, place, "damaged", 0, {}, [], "", [], [], [], [], mend, [why])
 
 
 def _whole(tree: xarray.DataTree | xarray.Dataset, place: str, folder: Path | None) -> Glance:
@@ -256,21 +271,23 @@ def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:
     frames = holdings.table("frames")
     if frames is not None:
         return of_frames(frames)
-    found = []
+    kept, thin = [], []
     for one in holdings.of_kind("picture"):
         own = {dim: value for dim, value in at.items() if dim in one.axes}
-        if pictures.how(one.groups[0][one.variable]) == "map" and one.known.shown != "map":
+        if not drawn_of(one).shown or not _is_finished(one, at):
             continue
-        if not _is_finished(one, at):
-            continue
-        array, failed = picture_of(one, own)
+        array, _ = picture_of(one, own)
         if array.size > LARGEST:
             continue
-        size = int(array.sizes["y"]), int(array.sizes["x"])
-        step = max(1, -(-max(size) // SAMPLES))
-        thin = array.isel(y=slice(None, None, step), x=slice(None, None, step)) if not array.attrs.get("drawn_pattern") else array
-        found.append(Tile(one.stage, one.variable, pictures.drawn(thin.load(), failed=failed), size))
-    return found
+        step = 1 if pictures.drawn_as(array).pattern else max(1, -(-max(array.sizes["y"], array.sizes["x"]) // SAMPLES))
+        kept.append((one, (int(array.sizes["y"]), int(array.sizes["x"]))))
+        thin.append(array.isel(y=slice(None, None, step), x=slice(None, None, step)).load())
+    order = [Pictured(one.variable, one.dims, drawn_of(one), one.axes) for one, _ in kept]
+    whites = [pictures.bright_among(order, number, lambda other: pictures.bright_in(thin[other])) for number in range(len(order))]
+    return [
+        Tile(one.stage, one.variable, pictures.drawn(array, white), size)
+        for (one, size), array, white in zip(kept, thin, whites, strict=True)
+    ]
 
 
 def _values(values: list[Any], units: str, dim: str) -> str:

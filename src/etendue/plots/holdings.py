@@ -16,7 +16,7 @@ import xarray
 from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
 from etendue.plots.labels import title_text
 from etendue.spec.names import TABLES
-from etendue.spec.variables import Variable
+from etendue.spec.variables import Variable, without
 from etendue.spec.variables import variable as known
 
 PLANE = ("y", "x")
@@ -64,8 +64,8 @@ class Held:
 
     @property
     def title(self) -> str:
-        """What it is, without its unit, which is written beside it."""
-        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units)
+        """What it is and which stages are not in it; without its unit, which is written beside it."""
+        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(self.attrs)
 
     @property
     def kind(self) -> str:

@@ -7,7 +7,7 @@ Out: a ``Plot``; lists of what there is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from etendue.errors import RequestError, nearest
@@ -18,6 +18,7 @@ from etendue.plots.holdings import Held, Holdings
 from etendue.plots.labels import places_text, unit_text, value_text
 from etendue.plots.maps import factor_map, figure_map
 from etendue.plots.pareto import pareto
+from etendue.plots.places import dim_of
 from etendue.plots.plot import Plot
 from etendue.plots.strip import show, strip
 
@@ -56,7 +57,7 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     RequestError
         No such kind, figure, axis or value.
     """
-    asked = asked or Asked()
+    asked = _by_dims(holdings, asked or Asked())
     kind, figures = kind_of(holdings, kind, asked.figures)
     if len(figures) > TAKES[kind]:
         raise RequestError(
@@ -85,6 +86,15 @@ USES = {
     "panels": ("map", "limits", "curves"),
     "better": ("pareto",),
 }
+
+
+def _by_dims(holdings: Holdings, asked: Asked) -> Asked:
+    """What was asked for with dims in the place of the parameters that they set."""
+
+    def own(word: str) -> str:
+        return dim_of(holdings, word)[0] or word if word else ""
+
+    return replace(asked, x=own(asked.x), y=own(asked.y), lines=own(asked.lines), panels=tuple(map(own, asked.panels)))
 
 
 def _refuse_unused(kind: str, asked: Asked) -> None:

@@ -19,6 +19,7 @@ from etendue.plots.labels import bare_text, unit_text
 from etendue.plots.panels import Sides, map_of_names, map_of_numbers
 from etendue.plots.places import resolved
 from etendue.plots.plot import Plot
+from etendue.spec.variables import without
 
 PREFERRED = ("effective_lp_mm", "mtf50_lp_mm", "mean_snr", "dr_elgamal", "snr_18", "clipped_fraction")
 
@@ -63,7 +64,8 @@ def factor_map(
         raise RequestError(f"{held.name} is a plain number, no index into names; map draws it")
     place = arranged(dims_of([held]), 2, x, y, panels, resolved([held], at or {}), middle=middle)
     values, failed, _ = laid_out(held, place)
-    title = _title("what limits resolution" if held.variable == "limiting_factor" else held.title, holdings, place)
+    what = f"what limits resolution{without(held.attrs)}" if held.variable == "limiting_factor" else held.title
+    title = _title(what, holdings, place)
     drawn = map_of_names(values, names, _sides(place), title, failed)
     columns, rows = _table(held, place, values)
     named = [[*row[:-1], names[int(row[-1])] if np.isfinite(row[-1]) else ""] for row in rows]

@@ -14,6 +14,7 @@ from typing import Any
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plots.holdings import Held
 from etendue.plots.labels import value_text
+from etendue.spec.overrides import CAMERA
 from etendue.spec.units import UnitError, to_unit
 
 SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
@@ -32,6 +33,17 @@ def read_at(texts: Iterable[str]) -> dict[str, str]:
     if faults:
         raise RequestError(faults)
     return found
+
+
+def is_called(name: str, dim: str, key: str) -> bool:
+    """Whether a word means a dim: its own name, or the parameter that it sets; ``sharpen.strength``, in Python ``sharpen__strength``."""
+    word = name.replace("__", ".")
+    return name == dim or word in (key, f"{CAMERA}{key}")
+
+
+def dim_of(held: Iterable[Held], name: str) -> tuple[str, Held | None]:
+    """The dim that a word means and who has it; ('', None) where there is none."""
+    return next(((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))), ("", None))
 
 
 def is_value(value: Any, text: str, unit: str) -> bool:
@@ -65,13 +77,16 @@ def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     faults = []
     for name, asked in at.items():
-        dim, owner = next(((d, h) for h in held for d in (*h.axes, *h.dims) if name in (d, h.key_of(d))), ("", held[0]))
-        if not dim:
+        dim, owner = dim_of(held, name)
+        if owner is None:
             names = dict.fromkeys(d for h in held for d in (*h.axes, *h.dims))
             faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {' or '.join(h.name for h in held)}{nearest(name, names)}"))
             continue
         values, units = list(dict.fromkeys(v for h in held if dim in (*h.axes, *h.dims) for v in h.values_of(dim))), owner.units_of(dim)
         match = [value for value in values if is_value(value, str(asked), units)]
+        if dim in found:
+            faults.append(Fault(f"{name}={asked}", f"{dim} is given twice"))
+            continue
         if match:
             found[dim] = match[0]
             continue
@@ -86,7 +101,9 @@ def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
     """The same for the dims of one array of xarray."""
     found: dict[str, Any] = {}
     faults = []
-    for name, asked in at.items():
+    keys = {str(dim): str(array[dim].attrs.get("parameter", dim)) if dim in array.coords else str(dim) for dim in array.dims}
+    for word, asked in at.items():
+        name = next((dim for dim, key in keys.items() if is_called(word, dim, key)), word)
         if name not in array.dims:
             faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {array.name}{nearest(name, map(str, array.dims))}"))
             continue

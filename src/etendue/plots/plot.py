@@ -15,11 +15,21 @@ from pathlib import Path
 from typing import Any
 
 from etendue.errors import RequestError
+from etendue.process import Shared
 
 SUFFIXES = (".png", ".svg", ".pdf", ".csv")
 DPI = 150
 STYLE: Any = {"svg.hashsalt": "etendue", "svg.fonttype": "none", "pdf.fonttype": 42, "font.family": "DejaVu Sans"}
 UNDATED = {"png": {"Software": "etendue"}, "svg": {"Date": None, "Creator": "etendue"}, "pdf": {"CreationDate": None, "Creator": "etendue"}}
+
+
+def _styled() -> Any:
+    from matplotlib import rc_context
+
+    return rc_context(STYLE)
+
+
+OUR_STYLE = Shared(_styled)  # matplotlib has one style for all threads
 
 
 @dataclass
@@ -67,10 +77,8 @@ class Plot:
             writer.writerow(self.columns)
             writer.writerows(self.rows)
             return text.getvalue().encode()
-        from matplotlib import rc_context
-
         found = BytesIO()
-        with rc_context(STYLE):
+        with OUR_STYLE:
             self.figure.savefig(found, format=kind, dpi=self.dpi, metadata=UNDATED[kind])
         return found.getvalue()
 
@@ -93,11 +101,10 @@ def check_suffix(path: Path) -> str:
 
 def new_figure(width: float, height: float, layout: Any = "constrained") -> Any:
     """An empty figure of a size in inches, with a canvas of its own."""
-    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with rc_context(STYLE):
+    with OUR_STYLE:
         figure = Figure(figsize=(width, height), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
     return figure

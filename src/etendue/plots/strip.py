@@ -22,6 +22,7 @@ from etendue.plots.labels import places_text, value_text
 from etendue.plots.places import resolved
 from etendue.plots.plot import Plot, new_figure
 from etendue.report.details import part_of, side_of
+from etendue.spec.drawn import Drawn, Pictured, read
 
 DPI = 100
 BOX, INSET, GAP, LABEL, HEAD = 260, 132, 12, 34, 40  # dots: sides of a picture and of its part, between, above a picture, above all
@@ -59,18 +60,19 @@ def strip(holdings: Holdings, variable: str = "", stage: str = "", at: Mapping[s
 
 def _of_stages(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
     frames = holdings.table("frames")
-    kept = [one for one in holdings.of_kind("picture") if pictures.how(_one(one)) != "map" or one.known.shown == "map"]
+    kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown]
     if not at and frames is not None:
         return of_frames(frames), str(frames.attrs.get("at", "")).removeprefix(" at ").strip()
     asked = resolved(kept, at) if kept else {}
     cell = {dim: asked.get(dim, values[len(values) // 2]) for dim, values in holdings.axes.items()}
-    tiles = []
+    found = []
     for one in kept:
-        picture = _picture(one, {dim: cell[dim] for dim in one.axes})
+        place = {dim: cell[dim] for dim in one.axes}
+        picture = _picture(one, place)
         if picture is not None:
-            tiles.append((one, *picture))
+            found.append((one.stage, one.variable, *picture, white_of(holdings, one, place)))
     units = {dim.name: dim.units for dim in dims_of(kept)}
-    return _with_parts([(one.stage, one.variable, array, failed) for one, array, failed in tiles]), places_text(cell, units)
+    return _with_parts(found), places_text(cell, units)
 
 
 def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str, Any]) -> tuple[list[Tile], str]:
@@ -82,11 +84,15 @@ def _of_variable(holdings: Holdings, variable: str, stage: str, at: Mapping[str,
         raise RequestError(f"{held.name} has {' and '.join(open_)} open: choose a value of all but one, such as {chosen}")
     fixed = {dim: asked.get(dim, held.values_of(dim)[0]) for dim in held.axes if dim not in open_}
     units = {dim: held.units_of(dim) for dim in held.axes}
-    found = []
+    found: list[tuple[str, str, xarray.DataArray, bool, float]] = []
     for value in held.values_of(open_[0]) if open_ else [None]:
-        picture = _picture(held, {**fixed, **({open_[0]: value} if open_ else {})})
+        place = {**fixed, **({open_[0]: value} if open_ else {})}
+        picture = _picture(held, place)
         if picture is not None:
-            found.append((value_text(value, units[open_[0]], open_[0]) if open_ else held.stage, held.variable, *picture))
+            label = value_text(value, units[open_[0]], open_[0]) if open_ else held.stage
+            found.append((label, held.variable, *picture, 0.0 if picture[1] else white_of(holdings, held, place)))
+    bright = max((white for *_, white in found), default=1.0)  # one for all, so that what is darker looks darker
+    found = [(label, name, array, failed, bright) for label, name, array, failed, _ in found]
     said = places_text({dim: v for dim, v in fixed.items() if len(held.values_of(dim)) > 1}, units)
     return _with_parts(found), f"{held.title}{', ' + said if said else ''}"
 
@@ -141,17 +147,28 @@ def _picture(held: Held, at: Mapping[str, Any]) -> tuple[xarray.DataArray, bool]
         status = int(one["status"]) if "status" in one else 0
         if status == 4 and group is not held.groups[-1]:  # another shape has it
             continue
-        array = one[held.variable]
+        array = pictures.with_bands(one[held.variable], group)
         array = array.sel({dim: value for dim, value in inner.items() if dim in array.coords})
-        for dim in array.dims:
-            if dim not in ("y", "x", "channel", "wavelength"):
-                array = array.isel({dim: array.sizes[dim] // 2})
-        return array, status not in (0, 1)
+        return pictures.one_frame(array), status not in (0, 1)
     return None
 
 
-def _one(held: Held) -> xarray.DataArray:
-    return held.groups[0][held.variable]
+def drawn_of(held: Held) -> Drawn:
+    """How a variable is drawn, as far as that holds for all cells; ``shown`` is '' where it is not looked at with all others."""
+    return read(held.variable, held.groups[0].variables[held.variable].attrs, {})
+
+
+def white_of(holdings: Holdings, held: Held, at: Mapping[str, Any]) -> float:
+    """The linear value that is shown as white in the picture of a cell: the same for all stages of its kind, as far as they are there."""
+    kept = [one for one in holdings.of_kind("picture") if drawn_of(one).shown or one is held]
+
+    def bright_of(number: int) -> float | None:
+        one = kept[number]
+        found = _picture(one, {dim: value for dim, value in at.items() if dim in one.axes})
+        return None if found is None or found[1] else pictures.bright_in(found[0])
+
+    order = [Pictured(one.variable, one.dims, drawn_of(one), one.axes) for one in kept]
+    return pictures.bright_among(order, kept.index(held), bright_of)
 
 
 def of_frames(frames: xarray.Dataset) -> list[Tile]:
@@ -173,13 +190,9 @@ def of_frames(frames: xarray.Dataset) -> list[Tile]:
     return tiles
 
 
-def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool]]) -> list[Tile]:
-    """Pictures of stored arrays, light of one kind at one brightness, each with the part where its edges are."""
-    scales: dict[str, float] = {}
-    for _, variable, array, failed in found:
-        if pictures.how(array) == "linear" and not failed:
-            scales[variable] = max(scales.get(variable, 0.0), pictures.brightness(pictures.linear(array), array))
-    drawn = [(stage, variable, pictures.drawn(array, scales.get(variable), failed), failed) for stage, variable, array, failed in found]
+def _with_parts(found: list[tuple[str, str, xarray.DataArray, bool, float]]) -> list[Tile]:
+    """Pictures of stored arrays, each with what is shown as white in it, and the part where its edges are."""
+    drawn = [(stage, variable, pictures.drawn(array, white, failed), failed) for stage, variable, array, failed, white in found]
     there = [picture for *_, picture, failed in drawn if not failed]
     if not there:
         return [Tile(stage, variable, picture, picture.shape[:2]) for stage, variable, picture, _ in drawn]
@@ -272,13 +285,14 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, An
     asked = resolved([held], at or {})
     array, failed = picture_of(held, asked)
     where = {dim: asked.get(dim, held.values_of(dim)[0]) for dim in held.axes}
+    white = 1.0 if failed else white_of(holdings, held, where)
     units = {dim: held.units_of(dim) for dim in held.axes}
-    return show_array(array, failed, f"{held.name} {places_text(where, units)}".strip())
+    return show_array(array, failed, f"{held.name} {places_text(where, units)}".strip(), white)
 
 
-def show_array(array: xarray.DataArray, failed: bool = False, title: str = "") -> Plot:
-    """One array as a picture; striped where it has no values."""
-    picture = pictures.drawn(array, failed=failed)
+def show_array(array: xarray.DataArray, failed: bool = False, title: str = "", white: float | None = None) -> Plot:
+    """One array as a picture; striped where it has no values. ``white``: the linear value shown as white, None: by the array alone."""
+    picture = pictures.drawn(array, white, failed)
     rows, columns = picture.shape[:2]
     scale = max(1, 480 // max(rows, columns))
     size = rows * scale, columns * scale

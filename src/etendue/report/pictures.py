@@ -16,13 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.colour.encoding import srgb_encode
+from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
+from etendue.report.appearance import as_bytes, seen, whites_of
 from etendue.report.contact_sheet import contact_sheet, with_maps
 from etendue.report.details import Window, limited, lines_of, part_of, side_of
-from etendue.report.thumbnails import LARGEST, Thumbnail, window_of
+from etendue.report.fitting import LARGEST
+from etendue.report.thumbnails import Thumbnail, window_of
+from etendue.spec.drawn import Drawn, Pictured
 from etendue.spec.ports import Sheet
-from etendue.spec.variables import variable as known
 
 
 @dataclass
@@ -33,8 +35,9 @@ class Frame:
     variable: str
     picture: Any
     size: tuple[int, int]
-    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one before it is scaled and encoded
-    bright: float = 0.0  # what of such a band is shown as white; 0: its values are encoded
+    drawn: Drawn
+    exact: Any = None  # (3, rows, x): the picture itself, or a band of a larger one, before it is scaled and encoded
+    bright: float = 1.0  # what of it is shown as white
     first: int = 0  # row of the whole in which it begins
     part: Any = None  # (3, y, x) of it, the same place of the scene in all
     place: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # of the part: top, left, height, width as shares of the whole
@@ -42,36 +45,20 @@ class Frame:
 
 def render(plan: Plan, shown: Mapping[str, CellRef], small: Mapping[CellRef, Mapping[str, Thumbnail]]) -> list[Frame]:
     """A frame for every stage with a picture; linear pictures of one kind share one scale."""
-    order: list[tuple[str, str, Thumbnail]] = []
-    last: dict[str, Thumbnail] = {}
+    order: list[tuple[str, Pictured, Thumbnail]] = []
     for node in plan.nodes:
-        own = small.get(shown[node.name], {})
-        for variable in node.writes:
-            if variable in own:
-                order.append((node.name, variable, own[variable]))
-                last[known(variable).scale or variable] = own[variable]
+        cell = plan.cells[shown[node.name]]
+        for variable, one in ((v, small.get(cell.ref, {}).get(v)) for v in node.writes):
+            if one is not None and (drawn := drawn_of(plan, cell, variable)) is not None:
+                order.append((node.name, Pictured(variable, node.writes[variable].dims, drawn, node.axes), one))
+    whites = whites_of([(own, one.picture) for _, own, one in order])
     frames: list[Frame] = []
-    scales: dict[str, float] = {}
-    for stage, variable, one in order:
-        how, picture, exact = known(variable), one.picture, one.band
-        kind = how.scale or variable
-        if how.shown == "linear":
-            if kind not in scales:
-                bright = how.white
-                if bright is None:
-                    # where several variables share a scale the last picture says what is bright: what a well cannot hold is no brightness
-                    peaks = (last[kind].picture if how.scale else picture).max(axis=0)
-                    # a thousandth of the brightest at least: beside a point all else may be next to nothing
-                    bright = max(float(np.quantile(peaks, 0.995)), 1e-3 * float(peaks.max())) / 0.9
-                scales[kind] = bright if bright > 0 else 1.0
-            picture = srgb_encode(np.clip(picture / scales[kind], 0, 1))
-        picture = np.clip(picture, 0, 1)
-        if max(one.size) <= LARGEST:
-            exact = picture
-        frame = Frame(stage, variable, picture, one.size)
-        if how.shown != "map" and exact is not None:
-            frame.exact, frame.first = exact, 0 if exact is picture else one.first
-            frame.bright = scales[kind] if how.shown == "linear" and exact is not picture else 0.0
+    for (stage, (variable, _, drawn, _), one), white in zip(order, whites, strict=True):
+        frame = Frame(stage, variable, seen(drawn, one.picture, white), one.size, drawn=drawn)
+        if drawn.shown != "map" and max(one.size) <= LARGEST:
+            frame.exact, frame.bright = one.picture, white
+        elif drawn.shown != "map" and one.band is not None:
+            frame.exact, frame.bright, frame.first = one.band, white, one.first
         frames.append(frame)
     _with_parts(frames, {name: plan.cells[ref] for name, ref in shown.items()}, window_of(plan, shown.values()))
     return frames
@@ -135,7 +122,7 @@ def _camera(plan: Plan) -> str:
 
 def _encoded(frame: Frame, part: Any) -> Any:
     """Some of the exact picture as it is shown, 0 to 1."""
-    return np.clip(srgb_encode(np.clip(part / frame.bright, 0, 1)) if frame.bright else part, 0, 1)
+    return seen(frame.drawn, part, frame.bright)
 
 
 def _parts(frames: list[Frame]) -> dict[str, Any]:
@@ -145,7 +132,7 @@ def _parts(frames: list[Frame]) -> dict[str, Any]:
     detail = np.zeros((len(frames), 3, high, wide), np.uint8)
     for i, (frame, (y, x)) in enumerate(zip(frames, sizes, strict=True)):
         if frame.part is not None:
-            detail[i, :, :y, :x] = np.round(frame.part * 255)
+            detail[i, :, :y, :x] = as_bytes(frame.part)
     said = {"long_name": "a part of the picture, sample by sample: the same place of the scene in every stage"}
     place = {"long_name": "the part in the picture: top, left, height, width as shares", "units": "1"}
     return {
@@ -162,7 +149,7 @@ def frames_table(frames: list[Frame]) -> dict[str, Any]:
     preview = np.zeros((len(frames), 3, height, width), np.uint8)
     for i, frame in enumerate(frames):
         _, y, x = frame.picture.shape
-        preview[i, :, :y, :x] = np.round(frame.picture * 255)
+        preview[i, :, :y, :x] = as_bytes(frame.picture)
     names = [f.stage for f in frames]
     stage = [n if names.count(n) == 1 else f"{n}.{f.variable}" for n, f in zip(names, frames, strict=True)]
     dims = ("stage", "channel", "y", "x")

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
 from etendue.report.contact_sheet import font
@@ -43,6 +44,7 @@ class SmallMap:
     cells: tuple[CellRef, ...]  # (y, x), row by row
     at: str
     names: tuple[str, ...] = ()  # that its numbers stand for
+    without: tuple[str, ...] = ()  # stages that are not in it
 
 
 def small_maps(plan: Plan) -> list[SmallMap]:
@@ -77,7 +79,7 @@ def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
     if known(name).index:
         factors = next((grid["factor"] for grid in plan.cells[refs[0]].grids.values() if "factor" in grid), None)
         names = tuple(map(str, factors.values())) if factors else ()
-    return SmallMap(node.name, name, node.writes[name].unit, sides, tuple(refs), at, names)
+    return SmallMap(node.name, name, node.writes[name].unit, sides, tuple(refs), at, names, not_in_it(plan, node, name))
 
 
 def _some(axis: Axis) -> list[int]:
@@ -105,6 +107,7 @@ def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
     inside = [] if one.names else [_number(v) for v in np.ravel(values) if math.isfinite(v)]
     wide = max(WIDE, 8 + max(round(letters.getlength(text)) for text in (*xs, *inside)))
     title = f"{one.variable}{f', {one.unit}' if one.unit not in ('', '1') else ''}{f' at {one.at}' if one.at else ''}"
+    title += f", without {', '.join(one.without)}" if one.without else ""
     rows, columns = values.shape
     legend = 16 if one.names else 0
     texts = [

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.plan import omissions
+from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, NOTHING, REUSED, SKIPPED, STATUSES, Reports
 from etendue.spec.variables import variable
@@ -166,10 +167,11 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
     return texts
 
 
-def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str]]:
-    """Up to three figures of the shown cells: resolution, dynamic range, exposure first, then any other scalar."""
+def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str, tuple[str, ...]]]:
+    """Up to three figures of the shown cells: resolution, dynamic range, exposure first, then any other scalar; with their name, value and
+    unit the stages that are not in them."""
     preferred = ("mtf50_lp_mm", "dr_elgamal", "mean_snr", "clipped_fraction", "airy_diameter", "fit_residual")
-    found: dict[str, tuple[str, float, str]] = {}
+    found: dict[str, tuple[str, float, str, tuple[str, ...]]] = {}
     for ref, values in arrays.items():
         node = plan.node(ref[0])
         for name, array in values.items():
@@ -180,6 +182,6 @@ def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[t
                 if declaration.dims:
                     at = f" at {plan.cells[ref].grids[name]['stage'].values()[-1]}"
                 if math.isfinite(value):
-                    found[name] = (f"{name}{at}", value, declaration.unit)
+                    found[name] = (f"{name}{at}", value, declaration.unit, not_in_it(plan, node, name))
     ordered = [found[n] for n in preferred if n in found] + [v for n, v in found.items() if n not in preferred]
     return ordered[:3]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import shlex
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -249,8 +249,16 @@ def outcome_document(outcome: Any) -> dict[str, Any]:
             }
             for r in outcome.failed
         ],
-        "headlines": [{"name": n, "value": v, "units": u} for n, v, u in headlines(outcome.plan, outcome.arrays)],
+        "headlines": [{"name": n, "value": v, "units": u, "without": w} for n, v, u, w in headlines(outcome.plan, outcome.arrays)],
     }
+
+
+def together(reasons: Mapping[str, str]) -> dict[str, list[str]]:
+    """Stages by the reason for which they are computed again."""
+    found: dict[str, list[str]] = {}
+    for name, why in reasons.items():
+        found.setdefault(why, []).append(name)
+    return found
 
 
 def replay(plan: Plan, ref: CellRef) -> str:
@@ -297,8 +305,9 @@ def print_outcome(outcome: Any) -> None:
     for row in rows:
         for text in told(row["name"], row["left_out"], row["approximated"]):
             console.print(escape(text))
-    for name, why in outcome.reasons.items():
-        console.print(f"computed again: {name}, because {escape(why)}")
+    for why, names in together(outcome.reasons).items():
+        more = f" and {len(names) - 4} more" if len(names) > 5 else ""
+        console.print(f"computed again: {', '.join(names[:4] if more else names)}{more}, because {escape(why)}")
     if outcome.removed:
         console.print(f"removed: {outcome.removed} cells of earlier runs at other axis values, which would come out differently now")
     if outcome.pruned:
@@ -330,8 +339,9 @@ def print_outcome(outcome: Any) -> None:
     figures = headlines(outcome.plan, outcome.arrays)
     if figures and outcome.shown_at:
         console.print(f"figures and pictures{escape(outcome.shown_at)}:")
-    for name, value, unit in figures:
-        console.print(f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip())
+    for name, value, unit, unseen in figures:
+        without = f"  without {', '.join(unseen)}" if unseen else ""
+        console.print(f"{name:32s} {value:.5g} {unit if unit != '1' else ''}".rstrip() + escape(without), soft_wrap=True)
     if outcome.archive:
         console.print(f"archive        {outcome.archive}", soft_wrap=True)
     for picture in outcome.pictures:

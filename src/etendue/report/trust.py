@@ -12,7 +12,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, Trans
 from etendue.report.terminal import _out, _table, escape, human_seconds
 from etendue.telling import human_bytes
 
-MOST = 30  # lines of a kind; --json has all
+MOST = 16  # lines of a kind; --json has all
 
 
 def _figure(value: float | None) -> str:

@@ -89,8 +89,9 @@ class Form:
 
     def key_of_prepared(self, stage: Stage) -> Key:
         """Under what the tables of a stage are remembered; taken once for a stage without files, as they may change."""
-        if self._prepared is not None and self._prepared[0] is stage:
-            return self._prepared[1]
+        known = self._prepared  # looked at once: another thread may put another in its place
+        if known is not None and known[0] is stage:
+            return known[1]
         key, lasting = key_of_prepared(stage, self.input_grids, self.grids)
         if lasting:
             self._prepared = stage, key

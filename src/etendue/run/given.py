@@ -89,6 +89,8 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
     for port, what, pairs in looking.ports:
         if what == "transfer":
             given[port] = transfers_of(job)
+        elif what == "datasheet":
+            given[port] = [(name, sheet) for (name, _), sheet in zip(pairs, looking.sheets, strict=True)]
         elif isinstance(job.stage, Probe) and job.stage.with_grids:
             seen = zip(pairs, looking.grids[port], strict=True)
             given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
@@ -103,7 +105,7 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
     if "rng" in special:
         given["rng"] = philox(job.seed)
     if "rng_sensor" in special:
-        given["rng_sensor"] = SensorRandom(job.sensor_seed, next(iter(job.grids.values())), job.precision)
+        given["rng_sensor"] = SensorRandom(job.sensor_serial, next(iter(job.grids.values())), job.precision)
     for name in form.beside:
         if name not in given:
             if name not in form.coordinates:

@@ -16,7 +16,8 @@ from etendue.plan.words import Open
 from etendue.spec.capabilities import Sampled, Summed, Transfer, mean_arguments_of
 from etendue.spec.grid import Coordinate, Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import Stage, arguments_of
+from etendue.spec.roles import Sheet
+from etendue.spec.stage import Stage, arguments_of, looks_at_stages
 from etendue.spec.variables import Declaration
 
 Found = tuple[tuple[str, CellRef, str], ...]  # camera quantities, and the cells and variables that hold them
@@ -37,7 +38,8 @@ class Segment:
 class Looking:
     """Of a stage that looks at others: through which port at what, and the transfer functions in front of it."""
 
-    ports: tuple[tuple[str, str, tuple[tuple[str, CellRef], ...]], ...] = ()  # port, 'transfer' or variable, (stage, cell)
+    ports: tuple[tuple[str, str, tuple[tuple[str, CellRef], ...]], ...] = ()  # port, 'transfer', 'datasheet' or variable, (stage, cell)
+    sheets: tuple[Sheet, ...] = ()
     transfers: tuple[Transfer, ...] = ()
     found: tuple[Found, ...] = ()  # what each of them awaits; (): none does
     bands: tuple[float, ...] = ()
@@ -45,6 +47,7 @@ class Looking:
     chains: tuple[tuple[int, ...], ...] = ()  # for each of ``transfers``: which of them it stands behind, itself last; (): all before it
     whole: tuple[bool, ...] = ()  # for each of ``transfers``: nothing else has moved light in front of it; (): so for all
     rendered: tuple[float, float] | None = None  # with what the scene in front of them was drawn
+    light: tuple[float, ...] | None = None  # of white, by band, in front of the pixel
     grids: Mapping[str, tuple[Grid, ...]] = field(default_factory=dict)  # by port, of what is looked at
 
 
@@ -103,7 +106,7 @@ class Job:
     inputs: Found
     left_out: bool
     seed: bytes
-    sensor_seed: bytes
+    sensor_serial: bytes  # whose fixed patterns the stage is given
     precision: str
     store: tuple[str, ...]
     deliver: tuple[str, ...]
@@ -152,7 +155,7 @@ class Job:
             refs[0] = self.segment.previous
         refs += self.awaited
         if self.looking:
-            refs += [ref for _, what, pairs in self.looking.ports if what != "transfer" for _, ref in pairs]
+            refs += [ref for _, what, pairs in self.looking.ports if not looks_at_stages(what) for _, ref in pairs]
         return tuple(dict.fromkeys(refs))
 
     @property

@@ -14,14 +14,15 @@ from types import MappingProxyType
 from typing import Any
 
 from etendue.plan.cost import cell_seconds, too_large
-from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, scene_of
+from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
 from etendue.plan.strips import by_band, is_large, walker
 from etendue.run.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.run.walks import with_walks
 from etendue.spec.capabilities import Summed
 from etendue.spec.grid import Grid
 from etendue.spec.ports import Target
-from etendue.spec.stage import quantities_of, reads_of
+from etendue.spec.roles import Sheet
+from etendue.spec.stage import looks_at_stages, reads_of
 
 
 def make_jobs(
@@ -97,7 +98,7 @@ class Jobs(Mapping[CellRef, Job]):
         looked = dict(cell.looks_at) if node.looks_at else {}
         for port, what, _ in node.looks_at:
             for source in looked.get(port, ()):
-                if what != "transfer":
+                if not looks_at_stages(what):
                     self._reads(source, what)
                     continue
                 for _, finder, variable in self.plan.cells[source].found:
@@ -134,7 +135,6 @@ class Jobs(Mapping[CellRef, Job]):
         store = self.kept[node.name] if computed else ()
         give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
         read, spectrum = self.read[number], bool(self.spectra[number])
-        serial = vars(cell.stage)["sensor_serial"] if "sensor_serial" in quantities_of(type(cell.stage)) else ""
         awaited, inputs = self._awaited(cell)
         segment = None
         if ref in self.direct:
@@ -148,7 +148,7 @@ class Jobs(Mapping[CellRef, Job]):
         return Job(
             ref=cell.ref, task="compute" if computed else "load", stage=cell.stage, writes=node.writes,
             grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
-            sensor_seed=f"{plan.pipeline.seed}|{node.name}|{serial}".encode(), precision=plan.precision, store=store,
+            sensor_serial=str(vars(cell.stage).get("sensor_serial", "")).encode(), precision=plan.precision, store=store,
             deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
             seconds=seconds, by_band=bands, segment=segment,
             looking=self._looking(cell) if cell.looks_at else None,
@@ -279,7 +279,9 @@ def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:
         refs = looked[port]
         found["ports"] += ((port, what, tuple((ref[0], ref) for ref in refs)),)
         cells = tuple(plan.cells[ref] for ref in refs)
-        found["grids"][port] = tuple(c.grids[what] if what != "transfer" else next(iter(c.grids.values())) for c in cells)
+        found["grids"][port] = tuple(next(iter(c.grids.values())) if looks_at_stages(what) else c.grids[what] for c in cells)
+        if what == "datasheet":
+            found["sheets"] = tuple(Sheet.of(c.stage) for c in cells)
         if what == "transfer" and cells:
             found["whole"] = tuple(is_whole(plan.cells, c) for c in cells)
             found["transfers"] = tuple(c.stage for c in cells)
@@ -288,4 +290,5 @@ def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:
             found["channel_weights"] = next((c.stage for c in cells if isinstance(c.stage, Summed)), None)
             found["chains"] = tuple(tuple(chain) for chain in chains([c.node for c in cells], nodes))
             found["rendered"] = scene_of(plan.cells, cells[0]).facts.rendered
+            found["light"] = next((light_of(plan.cells, c) for c in pixel_of(cells)), None)
     return Looking(**found)

@@ -7,7 +7,7 @@ Out: ``Otf`` values, each with the name of the stage up to which it holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,10 +15,10 @@ import numpy as np
 
 from etendue.run.job import Job
 from etendue.run.tables import TABLES, prepared_for
-from etendue.spec.capabilities import Summed, Transfer
+from etendue.spec.capabilities import ChannelTransfer, Summed, Transfer
 from etendue.spec.grid import Bands, Grid
-from etendue.spec.stage import state_of
-from etendue.transfers import Product, weights
+from etendue.spec.stage import Stage, state_of
+from etendue.transfers import Product, behind_filters, between, weights
 
 REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
 BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
@@ -33,10 +33,22 @@ def transfers_of(job: Job) -> list[tuple[str, Otf]]:
     chains = look.chains or [tuple(range(i + 1)) for i in range(len(every))]
     grids = look.grids.get(port) or [None] * len(every)
     whole = look.whole or [True] * len(every)
-    return [
-        (name, Otf(tuple(every[i] for i in chain), look.bands, look.rendered, grid, unbroken))
-        for (name, _), chain, grid, unbroken in zip(pairs, chains, grids, whole, strict=True)
-    ]
+    found = []
+    for number, (name, stage) in enumerate(every):
+        if isinstance(stage, Transfer):
+            parts = tuple((n, s) for n, s in (every[i] for i in chains[number]) if isinstance(s, Transfer))
+            behind = _behind(number, every, chains) if isinstance(stage, Summed) else ()
+            found.append((name, Otf(parts, look.bands, look.rendered, grids[number], whole[number], behind, look.light)))
+    return found
+
+
+def _behind(pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]) -> tuple[tuple[str, ChannelTransfer], ...]:
+    """The stages that move charge behind a pixel stage, one behind the other; where light goes several ways, on the first."""
+    found: list[int] = []
+    for number, (_, stage) in enumerate(every):
+        if isinstance(stage, ChannelTransfer) and stage.moves_charge() and {pixel, *found} <= set(chains[number]):
+            found.append(number)
+    return tuple((name, stage) for name, stage in (every[i] for i in found) if isinstance(stage, ChannelTransfer))
 
 
 def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
@@ -51,7 +63,9 @@ class Otf:
     ``parts`` are (name, stage) in the order of the light, ``edges`` the wavelength bins, nm. What a plan has left out is
     among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes. ``whole`` is
     False where a stage in front moves light without being a transfer function (a warp, a blur that changes over the field):
-    then no product is all of the camera.
+    then no product is all of the camera. ``behind`` are the stages that move charge between pixels, where the last part is a pixel:
+    no product holds them, ``channels`` and ``channels_along`` do. ``light`` is that of a white surface in front of the pixel by band, the
+    largest 1; None where nobody says.
     """
 
     parts: tuple[tuple[str, Transfer], ...]
@@ -59,6 +73,8 @@ class Otf:
     rendered: tuple[float, float] | None = None
     grid: Grid | None = None
     whole: bool = True
+    behind: tuple[tuple[str, ChannelTransfer], ...] = ()
+    light: tuple[float, ...] | None = None
 
     def __call__(self, frequency: Any) -> Any:
         """(wavelength, n) at frequencies (n,) along x."""
@@ -83,14 +99,53 @@ class Otf:
             product = product * _remembered("plane", _plane, stage, fy, fx, self.edges)
         return product
 
+    def channels(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
+        """(channel, m, n) at all pairs of frequencies: grey detail behind each filter, with the charge that moves between pixels.
+
+        ``light``: (wavelength,) of a white surface, W m-2 nm-1, of any scale; None: the same in every band. ``weights``: those of the
+        pixel, where it is left out.
+        """
+        fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
+        return self._of_channels(self.plane(fy, fx), lambda stage, white: self._between(stage, fy, fx, white), light, weights)
+
+    def channels_along(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
+        """(channel, n): the same at points (n,) of a line in any direction."""
+        fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
+
+        def moved(stage: ChannelTransfer, white: Any) -> Any:
+            return _on_line(lambda y, x: self._between(stage, y, x, white), fy, fx)
+
+        return self._of_channels(self.along(fy, fx), moved, light, weights)
+
+    def _of_channels(self, bands: Any, moved: Callable[[ChannelTransfer, Any], Any], light: Any, weights: Any) -> Any:
+        white, zero = np.ones(len(self.edges) - 1) if light is None else np.asarray(light, dtype=float), np.zeros(1)
+        stages = [stage for _, stage in self.behind]
+        still = [self._between(stage, zero, zero, white)[..., 0, 0] for stage in stages]
+        photons = (self.weights if weights is None else weights) * white
+        return behind_filters(bands, photons, [moved(stage, white) for stage in stages], still)
+
+    def _between(self, stage: ChannelTransfer, fy: Any, fx: Any, white: Any) -> Any:
+        def make() -> Any:
+            return between(stage, fy, fx, white, prepared_for(stage, self.edges))
+
+        if max(fy.size, fx.size) < REMEMBERED:
+            return make()
+        return TABLES.get(("between", state_of(stage), self.edges, fy.tobytes(), fx.tobytes(), white.tobytes()), make)
+
     def without(self, names: Iterable[str]) -> Otf:
         """The same with these stages left out."""
         left_out = {names} if isinstance(names, str) else set(names)
-        return replace(self, parts=tuple(part for part in self.parts if part[0] not in left_out))
+        parts = tuple(part for part in self.parts if part[0] not in left_out)
+        return replace(self, parts=parts, behind=tuple(one for one in self.behind if one[0] not in left_out))
+
+    @property
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """All of them, in the order of the light."""
+        return (*self.parts, *self.behind)
 
     def once(self, what: Hashable, make: Callable[[], Any]) -> Any:
         """``make()``, remembered by the values of these stages; ``what`` names it and all else that it depends on."""
-        return TABLES.get(("of a product", what, tuple(state_of(stage) for _, stage in self.parts), self.edges, self.rendered), make)
+        return TABLES.get(("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make)
 
     @property
     def weights(self) -> Any:
@@ -123,12 +178,17 @@ def _plane(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
 
 
 def _along(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
-    """(wavelength or 1, n). Stages take grids: of a slanted line, which is none, short pieces are the diagonals of small ones."""
+    """(wavelength or 1, n)."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
+    return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)
+
+
+def _on_line(plane: Callable[[Any, Any], Any], fy: Any, fx: Any) -> Any:
+    """(..., n). Stages take grids: of a slanted line, which is none, short pieces are the diagonals of small ones."""
     if not fy.any():
-        return _plane(stage, fy[:1], fx, edges)[:, 0, :]
+        return plane(fy[:1], fx)[..., 0, :]
     if not fx.any():
-        return _plane(stage, fy, fx[:1], edges)[:, :, 0]
+        return plane(fy, fx[:1])[..., 0]
     blocks = [slice(i, i + BLOCK) for i in range(0, fx.size, BLOCK)]
-    return np.concatenate([np.diagonal(_plane(stage, fy[b], fx[b], edges), axis1=1, axis2=2) for b in blocks], axis=1)
+    return np.concatenate([np.diagonal(plane(fy[b], fx[b]), axis1=-2, axis2=-1) for b in blocks], axis=-1)

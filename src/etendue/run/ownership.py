@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import sys
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import Context
@@ -20,6 +19,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from etendue.errors import PluginError
+from etendue.process import FOLDER, WARNED
 from etendue.telling import here
 
 _Given = ParamSpec("_Given")
@@ -95,10 +95,11 @@ def as_array(name: str, variable: str, value: Any) -> Any:
 @contextmanager
 def in_its_place() -> Iterator[None]:
     """The working directory is put back behind some cells: asking for it costs more than all else around a small cell."""
-    folder = here()
+    who, folder = FOLDER.begin()
     try:
         yield
     finally:
+        FOLDER.end(who)
         if folder and here() != folder:
             os.chdir(folder)
 
@@ -113,13 +114,15 @@ def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _G
     What is not finite is looked for in what it gives, and said once: numpy says nothing. How numpy handles errors stands in a
     context, of which every call has a fresh copy.
     """
-    filters, shown = warnings.filters, warnings.showwarning
-    kept = list(filters)
+    who, warned = WARNED.begin()
     try:
         return _QUIET.copy().run(work, *given, **named)
     finally:
-        if warnings.filters is filters and filters != kept:  # another list: a thread beside this one catches warnings
-            filters[:] = kept  # type: ignore[index]
-            warnings._filters_mutated()  # type: ignore[attr-defined]
-        if warnings.showwarning is not shown:
-            warnings.showwarning = shown
+        WARNED.end(who)
+        warned.put_back()
+
+
+def abandoned() -> None:
+    """Cells go on that nobody waits for any more: what they change is not put back behind others."""
+    FOLDER.abandon()
+    WARNED.abandon()

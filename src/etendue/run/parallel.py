@@ -9,6 +9,7 @@ from collections.abc import Callable, Set
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
+from uuid import uuid4
 
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
@@ -20,16 +21,20 @@ from etendue.run.workers import Crew
 Runner = Callable[..., BatchResult]  # of jobs, exports, imports, deliver and the results of the batches before
 
 
-def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch) -> dict[str, Any]:
-    """The raw Dask graph: ``batch-7`` depends on the batches it imports from."""
+def graph_of(batches: list[Batch], deliver: Set[CellRef], runner: Runner = run_batch, run: str = "") -> dict[str, Any]:
+    """The raw Dask graph: ``batch-7`` of a run depends on the batches it imports from."""
     graph: dict[str, Any] = {}
     for batch in batches:
         inputs = sorted(batch.imports)
         imports = tuple(tuple(batch.imports[n]) for n in inputs)
         # What is run hides in a partial, so that dask does not walk through it in search of keys.
         task = partial(_run, runner, batch, imports, deliver)
-        graph[f"batch-{batch.number}"] = (task, *(f"batch-{n}" for n in inputs))
+        graph[_key(run, batch.number)] = (task, *(_key(run, n) for n in inputs))
     return graph
+
+
+def _key(run: str, number: int) -> str:
+    return f"batch-{number}-{run}"
 
 
 def _run(
@@ -71,24 +76,25 @@ def run_parallel(
 
 def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, workers: int, stop: Stop, runner: Runner) -> None:
     import dask.threaded
-    from dask.callbacks import Callback
 
     def unless_stopped(*arguments: Any) -> BatchResult:
         stop.check()
         return runner(*arguments)
 
-    graph = graph_of(batches, deliver, unless_stopped)
-    numbers = {f"batch-{batch.number}": batch for batch in batches}
+    run = uuid4().hex  # no two graphs of a process have a key in common
+    graph = graph_of(batches, deliver, unless_stopped, run)
+    numbers = {_key(run, batch.number): batch for batch in batches}
     ends = [key for key, batch in numbers.items() if not batch.exports]
 
     def started(key: Any, *_: Any) -> None:
-        if key in numbers and not stop.asked:
+        if not stop.asked:
             before(numbers[key])
 
     def ended(key: Any, value: Any, *_: Any) -> None:
-        if key in numbers:
-            after(numbers[key], value)
+        after(numbers[key], value)
 
-    # A pool of our own: an interrupted run waits for the batches under way before the archive is let go.
-    with Callback(pretask=started, posttask=ended), ThreadPoolExecutor(workers) as pool:  # type: ignore[no-untyped-call]
-        dask.threaded.get(graph, ends, pool=pool)
+    # Told by this call alone: a ``dask.callbacks.Callback`` hears of every graph of the process. A pool of our own: an interrupted run
+    # waits for the batches under way before the archive is let go.
+    told = [(None, None, started, ended, None)]
+    with ThreadPoolExecutor(workers) as pool:
+        dask.threaded.get(graph, ends, pool=pool, callbacks=told, chunksize=1, rerun_exceptions_locally=False)

@@ -28,7 +28,7 @@ from etendue.run.given import Clipped, beside, clipped_figures, looked_through
 from etendue.run.job import Job, Walk
 from etendue.run.ownership import for_reading, frozen, undisturbed
 from etendue.run.segments import Result
-from etendue.run.tables import LARGEST_PATTERN, SensorRandom
+from etendue.run.tables import SensorRandom
 from etendue.spec.capabilities import Haloed, halo_of
 from etendue.spec.grid import Line
 from etendue.spec.ports import CellReport
@@ -70,17 +70,21 @@ def _walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | N
         flows |= {(job.ref, variable): flow for variable, flow in member.flows.items()}
         member.seconds += time.thread_time() - began
         members.append(member)
-    for front in _fronts(members[0]):
-        for member in members:
-            began = time.thread_time()
-            if member.can_go_on(front):
-                if at is not None:
-                    at(member.number)
-                member.go_on(front)
-            member.seconds += time.thread_time() - began
+    try:
+        for front in _fronts(members[0]):
+            for member in members:
+                began = time.thread_time()
+                if member.can_go_on(front):
+                    if at is not None:
+                        at(member.number)
+                    member.go_on(front)
+                member.seconds += time.thread_time() - began
+            for flow in flows.values():
+                flow.forget()
+        return [member.ended() for member in members]
+    finally:
         for flow in flows.values():
-            flow.forget()
-    return [member.ended() for member in members]
+            flow.readers.clear()  # who reads a flow refers to it: whole frames would be held until somebody looks for circles
 
 
 def _fronts(member: _Member) -> Iterator[int]:
@@ -254,8 +258,7 @@ class _Member:
             grid = next(iter(self.job.grids.values()))
             line = grid.line("y")
             grid = grid.replace(y=Line(high - low, line.start + low * line.step, line.step))
-            keep = self.total * grid["x"].size * np.dtype(self.job.precision).itemsize <= LARGEST_PATTERN
-            given["rng_sensor"] = SensorRandom(self.job.sensor_seed, grid, self.job.precision, keep)
+            given["rng_sensor"] = SensorRandom(self.job.sensor_serial, grid, self.job.precision, self.total * grid["x"].size)
         found = self.job.run(**{name: given[name] for name in self.job.asks if name in given})
         expected = tuple(self._shaped(o, high - low) for o in self.outputs.values() if first or not o.declaration.optional)
         figures = {name: found[name] for name in self.figures if isinstance(found, dict) and name in found}

@@ -6,9 +6,12 @@ Out: read-only arrays, made once and kept while there is room.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +24,9 @@ from etendue.telling import foreign
 
 LARGEST_CACHE = 256 << 20
 LARGEST_PATTERN = LARGEST_CACHE // 4  # bytes of the pattern of a frame: of a larger one strips are not kept, none would be found again
+LASTING = 50  # runs for which something is kept that none of them asks for
 LARGEST_SHARED = 1 << 18  # pixels up to which a pattern is kept beside what is made of it, for another strength of it
+Window = tuple[int, int, int, int]  # first row, first column, rows, columns
 
 
 class Key:
@@ -39,12 +44,22 @@ class Key:
         return isinstance(other, Key) and self.value == other.value
 
 
+@dataclass(slots=True)
+class _Entry:
+    value: Any
+    size: int
+    run: int  # the last that asked for it
+
+
 class Cache:
-    """Values by key, least recently used dropped first, bounded in bytes. Shared by the threads of a process."""
+    """Values by key, least recently used dropped first: bounded in bytes, and in runs of the process that have not asked for them.
+
+    Shared by the threads of a process.
+    """
 
     def __init__(self, largest: int) -> None:
-        self.largest, self.held = largest, 0
-        self.entries: OrderedDict[Any, tuple[Any, int]] = OrderedDict()
+        self.largest, self.held, self.runs = largest, 0, 0
+        self.entries: OrderedDict[Any, _Entry] = OrderedDict()
         self.lock = threading.Lock()
         self.making: dict[Any, threading.Lock] = {}
 
@@ -53,22 +68,41 @@ class Cache:
             found = self.entries.get(key)
             if found is not None:
                 self.entries.move_to_end(key)
-                return found[0]
+                found.run = self.runs
+                return found.value
             making = self.making.setdefault(key, threading.Lock())
         with making:
             with self.lock:
                 if key in self.entries:
-                    return self.entries[key][0]
-            value = make()
-            size = _size(value)
-            with self.lock:
-                self.entries[key] = (value, size)
-                self.held += size
-                while self.held > self.largest and len(self.entries) > 1:
-                    _, (_, dropped) = self.entries.popitem(last=False)
-                    self.held -= dropped
-                self.making.pop(key, None)
+                    return self.entries[key].value
+            try:
+                value = make()
+                size = _size(value)
+                with self.lock:
+                    self._drop(key)
+                    self.entries[key] = _Entry(value, size, self.runs)
+                    self.held += size
+                    while self.held > self.largest and len(self.entries) > 1:
+                        self._drop(next(iter(self.entries)))
+            finally:
+                with self.lock:
+                    self.making.pop(key, None)
         return value
+
+    @contextmanager
+    def run(self) -> Iterator[None]:
+        """A run: behind it what none of the last runs has asked for is let go."""
+        try:
+            yield
+        finally:
+            with self.lock:
+                self.runs += 1
+                while self.entries and self.entries[oldest := next(iter(self.entries))].run < self.runs - LASTING:
+                    self._drop(oldest)
+
+    def _drop(self, key: Any) -> None:
+        entry = self.entries.pop(key, None)
+        self.held -= entry.size if entry is not None else 0
 
     def clear(self) -> None:
         """Forget everything: for measurements that must not profit from what was made before."""
@@ -93,66 +127,74 @@ def _size(value: Any, depth: int = 6) -> int:
 TABLES = Cache(LARGEST_CACHE)
 
 
-def _made_anew(key: Any, make: Callable[[], Any]) -> Any:
-    return make()
-
-
 class SensorRandom:
-    """Random numbers that belong to the pixels, rows and columns of one sensor: the same in every cell, frame and window."""
+    """Random numbers that belong to the pixels, rows and columns of one sensor: the same in every cell, frame, window and precision.
 
-    def __init__(self, words: bytes, grid: Grid, precision: str, keep: bool = True) -> None:
-        self.words, self.rows, self.columns, self.precision = words, grid.line("y"), grid.line("x"), precision
-        self._made = TABLES.get if keep else _made_anew
+    They are named by the sensor's serial, how they are drawn, and the pattern's own name: stages that ask for one pattern are given one.
+    ``frame``: pixels of the whole frame, where the grid holds some of its rows.
+    """
 
-    def normal(self, stream: str) -> Any:
-        """(y, x) standard normals for a named stream such as ``"prnu"``."""
-        return self._pattern(stream, sensor_normal, (*self._span(self.rows), *self._span(self.columns)))
+    def __init__(self, serial: bytes, grid: Grid, precision: str, frame: int = 0) -> None:
+        self.serial, self.precision, self.frame = serial, np.dtype(precision), frame
+        (top, rows), (left, columns) = _span(grid.line("y")), _span(grid.line("x"))
+        self.pixels, self.rows, self.columns = (top, left, rows, columns), (top, 0, rows, 1), (0, left, 1, columns)
 
-    def spread(self, stream: str, rms: float) -> Any:
-        """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of a stream. Made once."""
-        spans = (*self._span(self.rows), *self._span(self.columns))
+    def normal(self, pattern: str) -> Any:
+        """(y, x) standard normals of the pattern of this name, such as ``"prnu"``."""
+        return self._normals("normal", pattern, self.pixels)
+
+    def spread(self, pattern: str, rms: float) -> Any:
+        """(y, x) factors about 1 with this relative deviation, never negative: 1 + rms times the normals of this name. Made once."""
 
         def make() -> Any:
-            if self.rows.size * self.columns.size <= LARGEST_SHARED:
-                pattern = self.normal(stream)
-                factor = pattern * pattern.dtype.type(rms)
+            if self.pixels[2] * self.pixels[3] <= LARGEST_SHARED:
+                known = self.normal(pattern)
+                factor = known * known.dtype.type(rms)
             else:
-                factor = sensor_normal(
-                    self.words + b"|" + stream.encode(), spans[0], spans[2], spans[1], spans[3], np.dtype(self.precision)
-                )
+                factor = sensor_normal(self._words("normal", pattern), *self.pixels, self.precision)
                 factor *= factor.dtype.type(rms)
             factor += 1
-            np.maximum(factor, 0, out=factor)
-            factor.flags.writeable = False
-            return factor
+            return np.maximum(factor, 0, out=factor)
 
-        return self._made(("sensor spread", self.words, stream, rms, spans, self.precision), make).view()
+        return self._kept(("spread", pattern, rms), self.pixels, self.precision, make)
 
-    def uniform(self, stream: str) -> Any:
-        """(y, x) uniforms, 0 <= u < 1."""
-        return self._pattern(stream, sensor_uniform, (*self._span(self.rows), *self._span(self.columns)))
+    def uniform(self, pattern: str) -> Any:
+        """(y, x) uniforms, 0 <= u < 1, float64 in every run: a share of 1e-8 is no other in single precision."""
+        words = self._words("uniform", pattern)
+        return self._kept(("uniform", pattern), self.pixels, np.dtype(np.float64), lambda: sensor_uniform(words, *self.pixels))
 
-    def row_normal(self, stream: str) -> Any:
+    def row_normal(self, pattern: str) -> Any:
         """(y, 1) standard normals: one for each row, whichever columns the window holds."""
-        return self._pattern(stream, sensor_normal, (*self._span(self.rows), 0, 1))
+        return self._normals("row", pattern, self.rows)
 
-    def column_normal(self, stream: str) -> Any:
+    def column_normal(self, pattern: str) -> Any:
         """(1, x) standard normals: one for each column."""
-        return self._pattern(stream, sensor_normal, (0, 1, *self._span(self.columns)))
+        return self._normals("column", pattern, self.columns)
 
-    def _span(self, line: Line) -> tuple[int, int]:
-        return round(line.start), line.size
+    def _normals(self, how: str, pattern: str, window: Window) -> Any:
+        words = self._words(how, pattern)
+        return self._kept((how, pattern), window, self.precision, lambda: sensor_normal(words, *window, self.precision))
 
-    def _pattern(self, stream: str, draw: Callable[..., Any], spans: tuple[int, int, int, int]) -> Any:
-        words = self.words + b"|" + stream.encode()
-        first_row, rows, first_column, columns = spans
+    def _words(self, how: str, pattern: str) -> bytes:
+        """A serial holds no line break: no two patterns have the same words."""
+        return b"\n".join((self.serial, how.encode(), pattern.encode()))
 
-        def make() -> Any:
-            pattern = draw(words, first_row, first_column, rows, columns, np.dtype(self.precision))
-            pattern.flags.writeable = False
-            return pattern
+    def _kept(self, what: tuple[Any, ...], window: Window, dtype: Any, make: Callable[[], Any]) -> Any:
+        """What is made, for reading; made anew for strips of a frame so large that none would be found again."""
 
-        return self._made(("sensor", draw.__name__, words, spans, self.precision), make).view()
+        def read_only() -> Any:
+            array = make()
+            array.flags.writeable = False
+            return array
+
+        if self.frame * dtype.itemsize > LARGEST_PATTERN:
+            return read_only()
+        return TABLES.get(("sensor", self.serial, *what, window, dtype), read_only).view()
+
+
+def _span(line: Line) -> tuple[int, int]:
+    """The first pixel and how many; of a stage that writes larger ones, in those."""
+    return math.floor(line.start / line.step + 0.5), line.size
 
 
 def key_of_prepared(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[str, Grid]) -> tuple[Key, bool]:

@@ -17,6 +17,7 @@ from etendue.plan.model import CellRef
 from etendue.plan.strips import Walker, has_rows, is_large, rows_of
 from etendue.run.job import Job, Walk
 from etendue.spec.capabilities import joins_figures
+from etendue.spec.stage import looks_at_stages
 
 
 def with_walks(
@@ -72,7 +73,7 @@ def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellR
     for ref, job in jobs.items():
         read = {(source, variable) for _, source, variable in job.inputs}
         if job.looking:
-            read |= {(source, what) for _, what, pairs in job.looking.ports if what != "transfer" for _, source in pairs}
+            read |= {(source, what) for _, what, pairs in job.looking.ports if not looks_at_stages(what) for _, source in pairs}
         for each in (job.segment and job.segment.found, job.looking and job.looking.found, job.waiting and (job.waiting.found,)):
             read |= {(source, variable) for one in each or () for _, source, variable in one}
         if job.waiting:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 
 from etendue import interrupts
+from etendue.run.ownership import abandoned
 
 GRACE = 3.0  # seconds in which the batches under way may end; a stage that hangs in a thread cannot be stopped
 LOOK = 0.05  # seconds between two looks for a signal
@@ -62,7 +63,9 @@ def watched(work: Callable[[], None], stop: Stop) -> None:
         until = time.monotonic() + GRACE
         while worker.is_alive() and time.monotonic() < until:
             worker.join(LOOK)
-        stop.abandoned = stop.abandoned or worker.is_alive()
+        if worker.is_alive():
+            stop.abandoned = True
+            abandoned()
         raise
     if broke:
         raise broke[0]

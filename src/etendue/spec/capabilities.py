@@ -27,6 +27,20 @@ class Source(Stage):
     @abstractmethod
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
+    def white_light(self, edges: tuple[float, ...]) -> Any:
+        """(wavelength,): light of a white surface in bands with these edges (nm), of any scale, by which figures of resolution weigh
+        wavelengths; None: not known, and they take light that is equally strong in all bands."""
+        return None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tinting(Stage):
+    """A stage that takes light by wavelength, the same all over the frame, as a filter does."""
+
+    @abstractmethod
+    def transmission(self, grid: Grid) -> Any:
+        """(wavelength,): of the bands of a grid."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Transfer(Stage):
@@ -59,6 +73,23 @@ class Summed(Transfer):
     def kept(self) -> float:
         """Share of the grid's Nyquist frequency beyond which the light in front of it is left out; 1: nothing is."""
         return 1.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ChannelTransfer(Stage):
+    """A stage behind the sum over wavelength that moves charge from pixel to pixel, whatever their filters are: linear, and over the
+    pixels of a channel shift-invariant on average. Whoever looks at transfer functions sees it with those of the pixel."""
+
+    @abstractmethod
+    def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+        """(channel that collects, channel of the filter, m, n) at fy (m,), fx (n,), cycles/um.
+
+        ``light``: (wavelength,), W m-2 nm-1 of a white surface, of any scale.
+        """
+
+    def moves_charge(self) -> bool:
+        """Whether it does anything with these parameters."""
+        return True
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -125,7 +156,7 @@ class Probe(Stage):
     ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
     that stage (``etendue.run.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
     Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
-    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it.
+    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it, and a ``ChannelTransfer`` shares the pixel's.
     """
 
     with_grids: ClassVar[bool] = False
@@ -142,14 +173,29 @@ class Viewed(Stage):
 
 
 CAPABILITIES = {
-    "describe": Source, "transfer": Transfer, "weights": Summed, "by_band": Banded, "negligible": Bounded,
+    "describe": Source, "transfer": Transfer, "weights": Summed, "channel_transfer": ChannelTransfer, "by_band": Banded,
+    "negligible": Bounded,
     "viewing_white": Viewed, "mean": Sampled, "halo": Haloed, "joined": Haloed,
 }  # fmt: skip
 
 
+def no_coordinates(kind: type[Stage]) -> str:
+    """What ``creates`` should be in place of what it is, '' where it is right: a list of names or numbers becomes Labels."""
+    creates: Any = kind.creates
+    given = creates.items() if isinstance(creates, Mapping) else ()
+    wrong = [(dim, one) for dim, one in given if not isinstance(one, Line | Bands | Labels)]
+    if isinstance(creates, Mapping) and not wrong:
+        return ""
+    said = f"{kind.__name__}.creates is {creates!r}; expected"
+    for dim, one in wrong:
+        if isinstance(one, list | tuple) and all(isinstance(entry, str | int | float) for entry in one):
+            return f"{said} a coordinate for {dim!r}: Labels({tuple(one)!r}), from etendue.api import Labels"
+    return f"{said} dims and their coordinates, such as {{'channel': RGB}} or {{'angle': Labels((0.0, 90.0), 'deg')}}, of etendue.api"
+
+
 def check_class(kind: type[Stage]) -> None:
     """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where it is another."""
-    name, gain, creates, rate = kind.__name__, kind.gain, kind.creates, kind.nanoseconds
+    name, gain, rate = kind.__name__, kind.gain, kind.nanoseconds
     number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
     if gain is not None and not number:
         raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
@@ -160,8 +206,8 @@ def check_class(kind: type[Stage]) -> None:
         raise TypeError(f"{name}.keeps is {kind.keeps!r}; expected some of 'order' and 'sum', such as ('order',)")
     if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
         raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
-    if not isinstance(creates, Mapping) or not all(isinstance(value, Line | Bands | Labels) for value in creates.values()):
-        raise TypeError(f"{name}.creates is {creates!r}; expected dims and their coordinates, such as {{'channel': RGB}}")
+    if wrong := no_coordinates(kind):
+        raise TypeError(wrong)
     for method, base in CAPABILITIES.items():
         own = inspect.getattr_static(kind, method, None)
         if inspect.isfunction(own) and not issubclass(kind, base):
@@ -218,6 +264,11 @@ def joins_figures(stage: Stage) -> bool:
     return isinstance(stage, Haloed) and type(stage).joined is not Haloed.joined
 
 
+def is_seen_as_transfer(kind: type[Stage]) -> bool:
+    """Whether who looks at transfer functions looks at it: as one of them, or with the pixel in front of it."""
+    return issubclass(kind, Transfer | ChannelTransfer)
+
+
 def ends_in_sum(kind: type[Stage]) -> bool:
     return issubclass(kind, Summed)
 
@@ -229,7 +280,13 @@ def moves_light(kind: type[Stage]) -> bool:
 
 
 def is_random(kind: type[Stage]) -> bool:
+    """Whether a stage is given random numbers: new in every cell, or patterns of the sensor."""
     return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
+
+
+def draws_anew(kind: type[Stage]) -> bool:
+    """Whether its random numbers follow the seed: patterns of the sensor alone do not."""
+    return "rng" in arguments_of(kind)
 
 
 def rounds(kind: type[Stage]) -> bool:

@@ -14,18 +14,15 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from etendue import plain_files
 from etendue.errors import Fault, RequestError, nearest, unprintable
 from etendue.spec import camera
 from etendue.spec.about import About, read_about
 from etendue.spec.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
 from etendue.spec.names import LONGEST, unfit_stage
+from etendue.spec.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.spec.presets import preset
 from etendue.spec.units import as_written
-
-TOP = (
-    "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
-    "requires", "most_cells", "about",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,16 @@ class StageEntry:
     place: str
 
 
+class Source:
+    """Whatever a pipeline may be had from: one that was read, or one written in Python."""
+
+    def written(self) -> Pipeline:
+        """The pipeline as if it had been read from a file."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Pipeline:
+class Pipeline(Source):
     """A pipeline as written, checked for form only."""
 
     name: str
@@ -69,6 +74,19 @@ class Pipeline:
     whole: bool = True  # whether every stage table could be read
     lines: Mapping[str, int] = field(default_factory=dict)  # of tables and keys in the file
 
+    def written(self) -> Pipeline:
+        return self
+
+    def document(self) -> dict[str, Any]:
+        """What a file would say that is read as this pipeline."""
+        lists, tables = ("wanted", "keep", "requires"), ("camera", "stages", "sweep", "about")
+        words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
+        names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
+        camera = {**({"sensor": self.sensor} if self.sensor else {}), **self.camera}
+        origins = {one.name: {"from": dict(one.origin)} if one.origin else {} for one in self.stages}
+        stages = [{"use": one.use, "name": one.name, **origins[one.name], **one.values} for one in self.stages]
+        return {**words, **names, "camera": camera, "sweep": dict(self.sweep), "about": self.about.document(), "stages": stages}
+
     def located(self, faults: Iterable[Fault]) -> list[Fault]:
         """The same faults with their lines in the file, in the order in which they stand there."""
         found = [fault if fault.line else replace(fault, line=self._line(fault.place)) for fault in faults]
@@ -93,8 +111,9 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
     """
     name = str(path)
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)  # a device has no size to ask for, and no end
+        piped = str(path).startswith(("/dev/stdin", "/dev/fd/", "/proc/self/fd/"))
+        with path.open("rb") if piped else plain_files.open_plain(path) as file:
+            content = file.read(LARGEST_FILE + 1)  # a pipe has no size to ask for
         if len(content) > LARGEST_FILE:
             raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
         text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -126,10 +145,22 @@ def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), override
         raise RequestError([_not_toml(text, str(error))], file) from None
     lines = _lines(text)
     refuse_large(document, file, lines)
-    for place in apply_overrides(document, overrides or {}, file):
+    given = by_one_name(overrides or {}, document)
+    for place in apply_overrides(document, given, file):
         lines[place] = 0  # no longer what stands in the file
-    given = tuple((key, value) for key, value in (overrides or {}).items())
-    return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=given)
+    return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
+
+
+def overridden(pipeline: Pipeline, overrides: Mapping[str, Any]) -> Pipeline:
+    """A pipeline that was read, with other values: as if they had been there when it was."""
+    document = pipeline.document()
+    given = by_one_name(overrides, document)
+    lines = {**pipeline.lines, **dict.fromkeys(apply_overrides(document, given, pipeline.file), 0)}
+    made = from_document(document, pipeline.file)
+    return replace(
+        made, folder=pipeline.folder, text=pipeline.text, lines=lines, overrides=tuple({**dict(pipeline.overrides), **given}.items()),
+        faults=tuple(dict.fromkeys((*pipeline.faults, *made.faults))), whole=pipeline.whole and made.whole,
+    )  # fmt: skip
 
 
 def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
@@ -180,50 +211,8 @@ def _lines(text: str) -> dict[str, int]:
             name = re.sub(r"\s", "", key[1]) if key[1][0] not in "\"'" else key[1][1:-1]
             found.setdefault(f"{table}.{name}" if table else name, number)
         inside = next((mark for mark in ('"""', "'''") if line.count(mark) % 2), "")
-    return found
-
-
-def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
-    """Put ``camera.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
-
-    Returns the places that now hold something else than the file.
-    """
-    faults, places = [], []
-    if isinstance(document.get("sweep"), dict):
-        document["sweep"] = _flat(document["sweep"])
-    for key, value in overrides.items():
-        head, _, tail = key.partition(".")
-        stages = document.get("stages")
-        entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []
-        named = {str(s.get("name", s.get("use"))): (n, s) for n, s in entries}
-        if head in ("camera", "sweep", "about") and tail:
-            if not isinstance(document.setdefault(head, {}), dict):
-                continue  # a fault of form, found later
-            document[head][tail] = value
-            places.append(key)
-            if head == "camera" and isinstance(document.get("sweep"), dict):
-                document["sweep"].pop(tail, None)
-        elif tail and head in named:
-            number, table = named[head]
-            if tail == "use":
-                table.setdefault("name", head)  # a swapped stage keeps its name
-            table[tail] = value
-            places.append(f"stages[{number}].{tail}")
-            if isinstance(document.get("sweep"), dict):
-                document["sweep"].pop(key, None)
-        elif not tail and head in TOP:
-            document[head] = value
-            places.append(key)
-        else:
-            valid = [*named, "camera", "sweep"] if tail else [*TOP]
-            called = next((name for name, (_, s) in named.items() if s.get("use") == head), "")
-            hint = f"; the stage {head} is called {called!r} here: {called}.{tail}" if called and tail else nearest(head, valid)
-            if not tail and head in camera.names():
-                hint = f"; a camera quantity is camera.{head}"
-            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
-    if faults:
-        raise RequestError(faults, file)
-    return places
+    axes = {f"sweep.{axis_name(place.removeprefix('sweep.'), {})}": n for place, n in found.items() if place.startswith("sweep.")}
+    return {**axes, **found}
 
 
 def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
@@ -284,7 +273,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
             faults.append(Fault(key, f"expected a table, got {as_written(table)}"))
             table = {}
         tables[key] = table
-    tables["sweep"] = _flat(tables["sweep"])
+    tables["sweep"] = axes_of(document, faults)
     sensor, values = _sensor(tables, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return Pipeline(
@@ -331,17 +320,6 @@ def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str,
     except RequestError as error:
         faults += [Fault("camera.sensor", fault.message) for fault in error.faults]
         return "", {}
-
-
-def _flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
-    """``demosaic.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
-    flat: dict[str, Any] = {}
-    for key, value in sweep.items():
-        if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
-            flat.update({f"{key}.{name}": one for name, one in value.items()})
-        else:
-            flat[key] = value
-    return flat
 
 
 def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.spec.stage import Stage
@@ -18,6 +19,10 @@ RESTORING = ("", "sharpening", "denoising", "defect correction")  # what betters
 SHADING = "shading correction"
 BALANCE = "white balance"  # behind it white is equal in all channels
 CROSSTALK = "crosstalk"
+SHOT_NOISE = "shot noise"
+READ_NOISE = "read noise"
+PROCESSING = ("demosaicing", "denoising", "sharpening")  # what changes detail and noise behind the read-out
+DEFECTIVE = ("sensor defects", "stuck pixels")
 FULL_WELL = "full well"
 REFERENCE = "reference"  # stages that only stand where a study puts them: never an alternative to others
 
@@ -51,6 +56,18 @@ class Datasheet(Stage):
         """Some of ``gain`` (DN/electron), ``read_noise``, ``dsnu``, ``full_well`` (electron), ``prnu`` (1), ``dark_current`` and
         ``dark_spread`` (mean over pixels and rms between them, electron/s). Noises and patterns of several stages add in squares, of
         wells the smallest counts."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that has no datasheet."""
+
+    role: str
+    figures: Mapping[str, float]
+
+    @classmethod
+    def of(cls, stage: Stage) -> Sheet:
+        return cls(stage.role, dict(stage.datasheet()) if isinstance(stage, Datasheet) else {})
 
 
 class InSilicon(Stage):

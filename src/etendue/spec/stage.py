@@ -66,6 +66,8 @@ class Stage:
     gives. Of any other stage the conformance kit says where it jumps.
     ``keeps``: what it promises of its values, for the conformance kit: ``"order"`` (none falls where what is read rises), ``"sum"``
     (what leaves one place arrives at another).
+    ``unseen``: by figure that it writes, the roles of stages that change what the figure is about and cannot enter it. Where a pipeline
+    has such stages, tables, plots and reports name them beside the figure.
     """
 
     reads: ClassVar[Mapping[str, str]] = {}
@@ -83,6 +85,7 @@ class Stage:
     once: ClassVar[tuple[str, ...]] = ()
     decides: ClassVar[bool] = False
     keeps: ClassVar[tuple[str, ...]] = ()
+    unseen: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @property
     def common_draws(self) -> bool:
@@ -122,8 +125,13 @@ WORDS = frozenset(name for name in vars(Stage) if not name.startswith("_"))
 
 
 def looks(declaration: Declaration) -> str:
-    """What a port looks at in all earlier stages: ``transfer``, a variable, or '' where it reads one array."""
+    """What a port looks at in all earlier stages: ``transfer``, ``datasheet``, a variable, or '' where it reads one array."""
     return declaration.variable.removeprefix("*.") if declaration.variable.startswith("*.") else ""
+
+
+def looks_at_stages(what: str) -> bool:
+    """Whether it is the stages themselves that a port looks at, not what they write."""
+    return what in ("transfer", "datasheet")
 
 
 @per_kind
@@ -167,8 +175,18 @@ def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
 
 @per_kind
 def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
-    """The names ``run`` asks for. ``*args`` and ``**kwargs`` are refused: an argument nobody declared cannot be given."""
-    return () if kind.run is None else names_asked(kind, "run")
+    """The names ``run`` asks for.
+
+    Raises
+    ------
+    TypeError
+        It has ``*args`` or ``**kwargs``: an argument nobody declared cannot be given. It asks for patterns of a sensor and not which.
+    """
+    names = () if kind.run is None else names_asked(kind, "run")
+    if "rng_sensor" in names and "sensor_serial" not in quantities_of(kind):
+        hint = 'write sensor_serial: str = quantity("sensor_serial") among its parameters'
+        raise TypeError(f"{kind.__name__}.run asks for rng_sensor, whose patterns follow the sensor, but not for which sensor: {hint}")
+    return names
 
 
 def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:

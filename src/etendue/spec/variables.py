@@ -10,12 +10,14 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 from etendue import discovery
 
 _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
 DTYPES = ("float", "uint8", "uint16", "uint32")
 
+NOT_IN_IT = "not_in_it"  # attribute of a figure: stages of the pipeline that change what it is about
 SHOWN = ("", "linear", "encoded", "map")
 COUNTED = ("", "floored", "overexposed")
 BETTER = ("", "higher", "lower")
@@ -75,6 +77,11 @@ def variable(name: str) -> Variable:
     brought = discovery.installed().first("variables", name)
     found = discovery.made_of(Variable, f"the variable {name!r}", brought) if brought else Variable()
     return found if found.long_name else replace(found, long_name=name.replace("_", " "))
+
+
+def without(attrs: Mapping[str, Any]) -> str:
+    """What stands behind a figure's name for the stages that are not in it, '' where there are none."""
+    return f", without {attrs[NOT_IN_IT]}" if attrs.get(NOT_IN_IT) else ""
 
 
 def disagree(name: str) -> str:

@@ -10,7 +10,7 @@ of a channel's area) is set to 0.
 
 import importlib.metadata
 import sys
-import warnings
+import threading
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -19,12 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from etendue.process import unwarned
 from etendue.spectra.bins import FloatArray, require_name
 
 UNWANTED_WARNING = "related API features are not available"
 OBSERVERS = ("CIE 1931 2 Degree Standard Observer", "Stockman & Sharpe 2 Degree Cone Fundamentals")
 COLORCHECKER = "BabelColor Average"
 BASIS = "Mallett 2019"
+_path = threading.Lock()
 
 
 def colour_version() -> str:
@@ -38,18 +40,14 @@ def colour_science() -> ModuleType:
 
     A file ``colour.py`` beside a user's script would be taken for it: folders with one are not looked in.
     """
-    kept = sys.path[:]
-    sys.path[:] = [folder for folder in kept if not Path(folder, "colour.py").is_file()]
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            import colour
-    finally:
-        sys.path[:] = kept
-    for entry in caught:
-        unwanted = issubclass(entry.category, colour.utilities.ColourUsageWarning)
-        if not (unwanted and UNWANTED_WARNING in str(entry.message)):
-            warnings.warn_explicit(entry.message, entry.category, entry.filename, entry.lineno)
+    with _path:
+        kept = sys.path[:]
+        sys.path[:] = [folder for folder in kept if not Path(folder, "colour.py").is_file()]
+        try:
+            with unwarned(UNWANTED_WARNING):
+                import colour
+        finally:
+            sys.path[:] = kept
     return colour
 
 

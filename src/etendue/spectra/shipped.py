@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def arrays() -> Arrays:
     version = authority.colour_version()
     if str(found[VERSION]) == version:
         return found
-    key = f"{version} {digest_of(data)}"
+    key = f"{version} {digest_of(data + Path(authority.__file__).read_bytes())}"  # and of the code that would find them anew
     kept = cache.read("spectra", key)
     if kept is not None:
         try:

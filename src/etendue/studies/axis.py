@@ -13,15 +13,17 @@ from decimal import Decimal
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError, nearest
+from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
 from etendue.plan.sensors import SENSOR
 from etendue.registry import Registry
 from etendue.spec import camera
-from etendue.spec.capabilities import Probe, is_transfer
+from etendue.spec.capabilities import Probe
+from etendue.spec.overrides import axis_name
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.presets import preset
 from etendue.spec.roles import REFERENCE
-from etendue.spec.stage import reads_of, writes_of
+from etendue.spec.stage import reads_of
 
 
 @dataclass(frozen=True)
@@ -101,17 +103,13 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in (*parts, text[start:])]
 
 
-def check_axis(asked: Asked, pipeline: Pipeline) -> None:
-    """What can be said of an axis without planning: the stage is there, and there are values where they are needed."""
+def check_axis(asked: Asked, pipeline: Pipeline) -> Asked:
+    """The axis by its name, and what can be said of it without planning: the stage is there, and there are values where they are needed."""
     names = [entry.name for entry in pipeline.stages]
     place = f"--axis {asked.key}"
+    asked = replace(asked, key=axis_name(asked.key, pipeline.document()))
     if not asked.stage and asked.key in names and asked.values is None:
         raise RequestError([Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file)
-    if asked.key == f"camera.{SENSOR}" and "camera" not in names:
-        raise RequestError([Fault(place, f"the sensor is an axis by its own name: --axis {SENSOR}=NAME,NAME,..")], pipeline.file)
-    if asked.stage == "camera" and "camera" not in names:
-        own = asked.key.removeprefix("camera.")
-        raise RequestError([Fault(place, f"a camera quantity is an axis by its own name: --axis {own}=VALUE,VALUE,..")], pipeline.file)
     if asked.stage and asked.stage not in names:
         uses = {entry.use: entry.name for entry in pipeline.stages}
         hint = f"; {asked.stage} is named {uses[asked.stage]!r} here" if asked.stage in uses else nearest(asked.stage, names)
@@ -119,26 +117,21 @@ def check_axis(asked: Asked, pipeline: Pipeline) -> None:
     if asked.values is None and not asked.swaps and asked.key != SENSOR:
         known = "" if asked.stage or asked.key in camera.names() else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
         raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file)
+    return asked
 
 
 def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
     """Alternatives that are named write what the stage of the file writes."""
-    own = {str(d) for d in writes_of(node.kind).values()}
     faults = []
     for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
         use = value.get("use") if isinstance(value, dict) else value
         if not isinstance(use, str) or use not in registry:
             continue  # a fault that the planner names
         try:
-            kind = registry.load(use)
+            texts = unlike((use, registry.load(use)), (node.alternatives[0].use, node.kind))
         except PluginError as error:
-            faults.append(Fault(f"--axis {asked.key}", str(error)))
-            continue
-        found = {str(d) for d in writes_of(kind).values()}
-        if found != own:
-            theirs, ours = (", ".join(sorted(some)) or "nothing" for some in (found, own))
-            text = f"{use} writes {theirs}, {node.alternatives[0].use} writes {ours}; alternatives write the same"
-            faults.append(Fault(f"--axis {asked.key}", text))
+            texts = [str(error)]
+        faults += [Fault(f"--axis {asked.key}", text) for text in texts]
     if faults:
         raise RequestError(faults)
 
@@ -150,7 +143,7 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
     role (``Stage.role``) and those that only stand in references are none.
     """
     own = node.alternatives[0]
-    reads, writes = ({str(d) for d in found(own.kind).values() if not d.optional} for found in (reads_of, writes_of))
+    reads = {str(d) for d in reads_of(own.kind).values() if not d.optional}
     chosen, broken = [own.use], []
     for name in registry.names():
         if name == own.use:
@@ -161,9 +154,9 @@ def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
             broken.append(str(error))
             continue
         needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
-        fits = {str(d) for d in writes_of(kind).values() if not d.optional} == writes and needed <= reads and (needed or not reads)
+        fits = not unlike((name, kind), (own.use, own.kind)) and needed <= reads and (needed or not reads)
         same = kind.role == own.kind.role or (kind.role != REFERENCE and not (kind.role and own.kind.role))
-        if fits and same and not issubclass(kind, Probe) and is_transfer(kind) == is_transfer(own.kind):
+        if fits and same and not issubclass(kind, Probe):
             chosen.append(name)
     return chosen, broken
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from etendue.errors import Fault, RequestError
 from etendue.physics.colour.matrices import D65_XY, xyz_from_xy
@@ -27,6 +26,7 @@ from etendue.registry import Registry, installed_stages
 from etendue.report.crops import Plane
 from etendue.run.cell import compute
 from etendue.run.jobs import make_jobs
+from etendue.run.one_thread import ONE_THREAD
 from etendue.run.segments import Result
 from etendue.session import Options, execute
 from etendue.spec.capabilities import Viewed, is_source, is_transfer
@@ -96,7 +96,7 @@ def compare(
         The pipeline or the axis is wrong. An alternative that cannot serve or breaks off is a row with the reason.
     """
     options, registry = replace(options or Options(), pictures=False), installed_stages()
-    check_axis(asked, pipeline)
+    asked = check_axis(asked, pipeline)
     base, at = without_sweep(pipeline)
     at.pop(asked.key, None)
     nodes = nodes_of(base, registry)
@@ -311,7 +311,7 @@ def seconds_of(reader: Reader, position: int, repeat: int) -> float | None:
             inputs.setdefault(source, Result()).arrays[variable] = array
         else:
             if all(needed in inputs for needed in job.needs):
-                with threadpool_limits(1):  # the time of one thread
+                with ONE_THREAD:
                     again = [compute(job, inputs)[1] for _ in range(repeat)]
                 best = min([best, *(r.seconds for r in again if r.status == "done")])
     return best if math.isfinite(best) else None

@@ -22,6 +22,7 @@ from etendue.session import Options, collect
 from etendue.spec.roles import Datasheet
 from etendue.spec.stage import Stage
 from etendue.studies.emva_report import Expected, SensorChannel
+from etendue.studies.flat_field import several
 
 RAW, TIME = "raw", "integration_time"
 LIGHTS = frozenset({"reflectance", "white_luminance", "radiance"})  # parameters that are 0 in the dark
@@ -45,6 +46,9 @@ def of_plan(plan: Plan, read: Read, options: Options | None = None, there: Colle
         There are no frames of light and dark at four times, two of each.
     """
     node = raw_node(plan)
+    exposures = {dim for one in plan.nodes if TIME in one.writes for dim in one.writes[TIME].dims}
+    if why := several(plan, node, RAW, exposures):
+        raise RequestError(f"a sensor is measured from frames that differ in their exposure alone: {why}")
     keys = {dim: plan.axis(dim).key for dim in node.axes}
     light = [dim for dim, key in keys.items() if key.rpartition(".")[2] in LIGHTS and 0 in plan.axis(dim).values]
     cells = [cell for cell in plan.of(node.name) if there is None or cell.ref in there]

@@ -26,12 +26,12 @@ from etendue.run.found import with_found
 from etendue.run.jobs import make_jobs
 from etendue.run.segments import Result
 from etendue.session import Options, collect
-from etendue.spec.capabilities import Summed, moves_light
+from etendue.spec.capabilities import ChannelTransfer, Summed, Transfer, is_seen_as_transfer, moves_light
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
 from etendue.spec.roles import Scaled
-from etendue.studies.flat_field import MOSAIC, PICTURES, REACH, FlatField, in_front_of_grey
-from etendue.transfers import Product, alone, weights
+from etendue.studies.flat_field import MOSAIC, PICTURES, REACH, FlatField, another, in_front_of_grey
+from etendue.transfers import Product, alone, behind_filters, between, weights
 
 CHARGE, CURRENT, LIGHT = "expected_charge", "photocurrent", "photon_rate"
 LINEAR = ("rgb_camera", "xyz_scene", "rgb_linear")
@@ -52,8 +52,11 @@ class FineDetail(FlatField):
         self.order = list(np.ndindex(self.mask.shape))
         self.channels = tuple(dict.fromkeys(str(c) for c in self.mask.ravel()))
         results = {ref: Result(arrays=dict(found)) for ref, found in arrays.items()}
-        front = [n for n in plan.nodes if n.is_transfer and n.name in self.before]
-        self.lens: dict[str, Any] = {n.name: with_found(self.jobs[n.name, ()], results).stage for n in front}
+        front = [n for n in plan.nodes if n.name in self.before and is_seen_as_transfer(n.kind)]
+        stages = {n.name: with_found(self.jobs[n.name, ()], results).stage for n in front}
+        self.lens = {name: stage for name, stage in stages.items() if isinstance(stage, Transfer)}
+        self.moved = {name: stage for name, stage in stages.items() if isinstance(stage, ChannelTransfer) and stage.moves_charge()}
+        self.blurs = (*self.lens, *self.moved)  # stages that take contrast in front of the noise
         pixel = next((n for n in front if n.ends_in_sum), None)
         if pixel is None:
             raise RequestError("the pipeline has no pixel stage: there is nothing that samples light", pipeline.file)
@@ -63,9 +66,10 @@ class FineDetail(FlatField):
         assert isinstance(stage, Summed)
         own = weights(stage, alone(stage, self.edges))
         light = next((found["white_irradiance"] for found in reversed(list(arrays.values())) if "white_irradiance" in found), None)
-        own = own if light is None or len(light) != own.shape[1] else own * light
-        names = [str(v) for v in cell.grids[LIGHT]["channel"].values()]
-        self.colours = {c: own[names.index(c)] / own[names.index(c)].sum() for c in self.channels if c in names}
+        self.light = np.ones(own.shape[1]) if light is None or len(light) != own.shape[1] else np.asarray(light, float)
+        self.photons, names = own * self.light, [str(v) for v in cell.grids[LIGHT]["channel"].values()]
+        self.number = {c: names.index(c) for c in self.channels if c in names}
+        self.colours = {c: self.photons[i] / self.photons[i].sum() for c, i in self.number.items()}
         beyond = [n.name for n in plan.nodes if n.name in self.before and moves_light(n.kind)]
         if beyond:
             notes.append(f"{', '.join(beyond)}: no transfer function holds all over the frame, and none is counted")
@@ -93,7 +97,19 @@ class FineDetail(FlatField):
 
     def contrast(self, channel: str, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
         """(m, n) transfer function of a channel in front of the mosaic, without some of its stages."""
-        return np.tensordot(self.colours[channel], self.band_contrast(fy, fx, [n for n in self.lens if n not in without]), 1)
+        bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
+        return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
+
+    def mean(self, channel: str, bands: Any, fy: Any, fx: Any, moved: Collection[str]) -> Any:
+        """(m, n) of a channel from what its bands hold (wavelength, m, n), with the charge that some stages move between pixels."""
+        if not moved:
+            return np.tensordot(self.colours[channel], bands, 1)
+        zero = np.zeros(1)
+        made, still = (
+            [between(self.moved[n], y, x, self.light, alone(self.moved[n], self.edges)) for n in moved]
+            for y, x in ((np.asarray(fy) / self.pitch, np.asarray(fx) / self.pitch), (zero, zero))
+        )
+        return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
 
     def band_contrast(self, fy: Any, fx: Any, names: Collection[str]) -> Any:
         """(wavelength, m, n) of some stages together."""
@@ -242,8 +258,7 @@ def frames(detail: FineDetail, registry: Registry, count: int, expected: Collect
     wanted = (MOSAIC, *LINEAR)
     found = []
     for number in range(count):
-        pipeline = replace(plan.pipeline, seed=plan.pipeline.seed + number)
-        own = make_plan(pipeline, registry, leave_out_allowed=False)
+        own = make_plan(another(plan.pipeline, number), registry, leave_out_allowed=False)
         jobs = make_jobs(own, set(own.cells), lambda cell: None, deliver_all=True)
         results = {ref: Result(arrays=dict(a)) for ref, a in detail.arrays[0].items()}
         for node in own.nodes:

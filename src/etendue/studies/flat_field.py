@@ -8,7 +8,7 @@ Noise behind the mosaic follows from the answers for any stage, plugins too, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -56,14 +56,31 @@ def sound(entry: StageEntry, registry: Registry) -> StageEntry:
     return replace(entry, values={**{k: v for k, v in entry.values.items() if k != "file"}, **shares})
 
 
+def another(pipeline: Pipeline, number: int) -> Pipeline:
+    """A camera of the same kind with noise and fixed patterns of its own: another seed and another sensor; 0: the camera itself."""
+    if not number:
+        return pipeline
+    serial = {**pipeline.preset, **pipeline.camera}.get("sensor_serial", "")
+    return replace(pipeline, seed=pipeline.seed + number, camera={**pipeline.camera, "sensor_serial": f"{serial}+{number}"})
+
+
+def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
+    """Which stage makes more than one picture of a variable, and how many; '' where there is one. ``but``: dims that are expected."""
+    for dim in (dim for dim in node.writes[variable].dims[:-2] if dim not in but):
+        maker = next(one.name for one in plan.nodes if any(dim in declared.dims for declared in one.writes.values()))
+        many = plan.of(node.name)[0].grids[variable][dim].size
+        return f"{maker} makes {many} of {node.name}.{variable}, along {dim!r}; take {maker} out of the file"
+    return ""
+
+
 class FlatField:
     """The linear mosaic of a grey card, and the stages behind it."""
 
     def __init__(self, plan: Plan, first: Node, arrays: list[dict[CellRef, dict[str, Any]]], notes: list[str]) -> None:
         self.plan, self.first, self.arrays, self.notes = plan, first, arrays, notes
         self.ref: CellRef = (first.name, ())
-        if arrays[0][self.ref][MOSAIC].ndim != 2:
-            raise RequestError("the mosaic has frames of its own (an exposure series): follow the noise of a single exposure")
+        if why := several(plan, first, MOSAIC):
+            raise RequestError(f"noise is followed through one picture: {why}")
         self.rows, self.columns = arrays[0][self.ref][MOSAIC].shape
         side = min(self.rows, self.columns)
         if side < 2 * BORDER + 32 or side < 2 * REACH + 8:

@@ -101,11 +101,11 @@ class _Chain:
 
     def follow(self) -> None:
         detail = self.detail
-        left = [*detail.lens, *detail.noisy()]
+        left = [*detail.blurs, *detail.noisy()]
         self._add("light", "photons", lambda fy, fx: detail.quanta(fy, fx, left))
         for name in list(left):
             left.remove(name)
-            kind = "blur" if name in detail.lens else "noise"
+            kind = "blur" if name in detail.blurs else "noise"
             without = tuple(left)
             if kind == "noise" and not any(detail.added(c)[name] for c in detail.channels):
                 continue

@@ -59,9 +59,9 @@ class Contrast:
 
     def __init__(self, detail: FineDetail) -> None:
         x, w = np.polynomial.legendre.leggauss(NODES)
-        self.weight, frequency, zero = 0.5 * w, 0.25 * (1 + x), np.zeros(1)
-        channel = channel_of(detail)
-        self.colour = detail.colours[channel]
+        self.detail, self.weight, self.frequency, zero = detail, 0.5 * w, 0.25 * (1 + x), np.zeros(1)
+        self.channel = channel = channel_of(detail)
+        frequency = self.frequency
         self.lens = {name: detail.band_contrast(zero, frequency, [name])[:, 0] for name in detail.lens}
         before, self.behind = detail.contrast(channel, zero, frequency)[0], {}
         for place in pictures_of(detail):
@@ -69,13 +69,14 @@ class Contrast:
             after = detail.signal_in(place, zero, frequency)[i, 0] / detail.signal_in(place, zero, zero)[i, 0, 0]
             self.behind[place[0]] = np.divide(after, before, out=np.zeros_like(after), where=np.abs(before) > 1e-9)
             before = after
-        self.players = (*self.lens, *self.behind)
+        self.players = (*detail.blurs, *self.behind)
 
     def contrast(self, present: frozenset[str]) -> float:
-        bands: Any = np.ones((len(self.colour), NODES))
+        bands: Any = np.ones((len(self.detail.light), NODES))
         for name in present & self.lens.keys():
             bands = bands * self.lens[name]
-        found = self.colour @ bands
+        moved = [name for name in self.detail.moved if name in present]
+        found = self.detail.mean(self.channel, bands[:, None], np.zeros(1), self.frequency, moved)[0]
         for name in present & self.behind.keys():
             found = found * self.behind[name]
         return float(np.sum(self.weight * np.abs(found)))

@@ -31,7 +31,7 @@ from etendue.spec.ports import Progress
 from etendue.spec.roles import Noisy, Scaled
 from etendue.spec.stage import writes_of
 from etendue.studies.axis import without_sweep
-from etendue.studies.flat_field import MOSAIC, PICTURES, FlatField, in_front_of_grey
+from etendue.studies.flat_field import MOSAIC, PICTURES, FlatField, another, in_front_of_grey
 from etendue.studies.noise_report import NoiseReport, StageNoise
 
 FULL = 0.001  # share of clipped pixels from which noise is cut off
@@ -77,7 +77,7 @@ def noise(
     wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe)
     notes += plan.warnings
     flat = replace(flat, wanted=wanted, keep=None, precision="float64")
-    runs = [make_plan(replace(flat, seed=flat.seed + number), registry, leave_out_allowed=False) for number in range(frames)]
+    runs = [make_plan(another(flat, number), registry, leave_out_allowed=False) for number in range(frames)]
     outcomes = [execute(run, None, options, progress(run) if progress else None) for run in runs]
     for outcome in outcomes:
         if outcome.failed:

@@ -60,7 +60,7 @@ def repair(
     if missing:
         raise ArchiveError(f"--from {missing[0]}: there is no such file or folder")
     done = prepare(found, sources)
-    plan = make_plan(recorded(folder).pipeline(), installed_stages())
+    plan = make_plan(recorded(folder).pipeline(options.most_cells), installed_stages())
     outcome = execute(plan, folder, replace(options, restore=frozenset(found.lost)), progress(plan) if progress else None)
     done += [f"{text} was written again" for text in outcome.mended]
     return Repaired(found, verify(folder, told), done, outcome.computed + outcome.restored, len(outcome.failed))

@@ -98,7 +98,7 @@ def reproduce(
         raise ArchiveInUse(f"{folder}: a run is writing to it; reproduce it when it has ended")
     run = recorded(folder)
     _refuse_missing(run)
-    pipeline = run.pipeline()
+    pipeline = run.pipeline(options.most_cells if options else None)
     stored = Stored(folder)
     plan = _plan_of(make_plan(pipeline, installed_stages()), stored)
     was, now = run.record["platform"], platform_record()

@@ -48,7 +48,7 @@ function cellPart(doc, scalars) {
       tile.style.aspectRatio = `${size[0]} / ${size[1]}`;
       picture.src = `data:image/webp;base64,${one.pictures[key]}`;
       picture.alt = `${one.variable} behind ${one.stage} at ${where(one.axes, at)}`;
-      clear(below, el('strong', {}, `${named(one.variable)}, ${size[0]} × ${size[1]}`), exact ? el('span', {}, one.axes.length ? ` at ${where(one.axes, at)}` : '') : el('span', { class: 'near' }, ` nearest picture: ${where(one.axes, at)}`), el('span', { class: 'soft' }, ` ${one.how}${one.scaled ? ', brightness of each picture its own' : ''}`));
+      clear(below, el('strong', {}, `${named(one.variable)}, ${size[0]} × ${size[1]}`), exact ? el('span', {}, one.axes.length ? ` at ${where(one.axes, at)}` : '') : el('span', { class: 'near' }, ` nearest picture: ${where(one.axes, at)}`), el('span', { class: 'soft' }, ` ${one.how}${one.scaled ? ', brightness of each cell its own' : ''}`));
     };
     follow(draw);
     content.push(el('div', { class: 'beside' }, el('figure', { class: 'shown' }, tabs, tile, below), headline.length ? el('div', {}, el('h3', {}, 'Figures of this cell'), numbers) : null));

@@ -101,13 +101,13 @@ function glance(doc) {
     const stage = doc.stages.find((s) => s.name === one.stage);
     strip.append(el('li', {}, el('figure', {},
       el('div', { class: 'tile' }, el('img', { src: `data:image/webp;base64,${one.data}`, alt: `${one.variable} behind ${one.stage}`, width: one.shown[0], height: one.shown[1], loading: 'lazy' })),
-      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}`)))));
+      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
   }
   const chain = el('ol', { class: 'chain' }, doc.stages.map((stage) => el('li', { class: stage.failed ? 'failed' : '' }, el('strong', {}, named(stage.name)), el('span', {}, stage.what || stage.role[0] || stage.use.join(', ')))));
   return section('camera', 'The camera at a glance', 'Light enters at the top left and leaves as a display’s values: each picture is what the stage named below it has made of the one before.',
     card(el('div', { class: 'columns' }, swept.length ? el('div', {}, el('h3', {}, 'Swept'), facts(swept.map(([a, b, c]) => [a, b, c]))) : null, el('div', {}, el('h3', {}, 'The same everywhere'), facts(first.map(row)))),
       rest.length ? el('details', {}, el('summary', {}, `All ${doc.camera.length} quantities`), facts(rest.map(row))) : null),
-    pictures.length ? card(el('h3', {}, 'From scene light to display'), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures are scaled so that their bright parts are bright on this screen; display values are as they are. At most 256 × 256 samples.`)) : null,
+    pictures.length ? card(el('h3', {}, 'From scene light to display'), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind have one brightness, at which the first of them is bright on this screen; display values are as they are. At most 256 × 256 samples.`)) : null,
     el('details', { class: 'card' }, el('summary', {}, `What each of the ${doc.stages.length} stages does`), chain));
 }
 

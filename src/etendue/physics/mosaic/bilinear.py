@@ -25,25 +25,27 @@ from etendue.physics.mosaic.frame import (
     own,
     quarter,
 )
-from etendue.physics.sensor.cfa import COLOURS, phase
+from etendue.physics.sensor.cfa import COLOURS, phase, shifted_bayer
 
 REACH = 2  # pixels, of the mean of neighbours and of what follows green
 
 
-def nearest(mosaic: NDArray, pattern: str) -> NDArray:
+def nearest(mosaic: NDArray, pattern: str, row: int = 0, column: int = 0) -> NDArray:
     """Every pixel takes the missing colours from its own 2 x 2 cell.
 
     Parameters
     ----------
     mosaic : (y, x) array, any unit
     pattern : str
-        One of `cfa.BAYER`.
+        One of `cfa.BAYER`, as the frame sees it.
+    row, column : int
+        Of the sensor, where the frame begins.
 
     Returns
     -------
     (3, y, x) array, unit and dtype of mosaic
-        Of the two greens in a cell the one in the pixel's own row. Cells start at even rows and columns; the
-        incomplete cell at an odd border is completed by mirroring.
+        Of the two greens in a cell the one in the pixel's own row. Cells start at even rows and columns of the sensor; an
+        incomplete cell at a border is completed by mirroring.
 
     Raises
     ------
@@ -60,6 +62,9 @@ def nearest(mosaic: NDArray, pattern: str) -> NDArray:
         return one_line(mosaic, pattern, line_nearest)
     rows, columns = mosaic.shape
     framed = mirrored(mosaic, 1)
+    up, left = row % 2, column % 2
+    if up or left:
+        return nearest(framed[1 - up : 1 + rows, 1 - left : 1 + columns], shifted_bayer(pattern, up, left))[:, up:, left:]
     planes = np.empty((3, rows, columns), mosaic.dtype)
     for colour, places in phase(pattern).items():
         plane = planes[COLOURS.index(colour)]

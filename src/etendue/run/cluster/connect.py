@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import time
 import uuid
-import warnings
 from collections.abc import Callable, Iterator, Set
 from contextlib import contextmanager
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 from etendue.errors import EtendueError, MachineError, RequestError, shortened
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
+from etendue.process import unwarned
 from etendue.run.batches import Batch, BatchResult
 from etendue.run.cluster.alike import Common, Mark, Platform, common_of, refused
 from etendue.run.cluster.own import own_cluster
@@ -69,8 +69,7 @@ def _client(address: str, workers: int) -> Iterator[Any]:
             yield client
         return
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of versions that differ: those that matter are looked at below
+        with unwarned():  # of versions that differ: those that matter are looked at below
             client = connect(address, timeout=ANSWER, set_as_default=False)
     except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
         secure = "; a tls:// address needs certificates: see docs/cluster.md" if address.startswith("tls") else ""

@@ -1,13 +1,25 @@
-"""What a camera's maker knows of its noise: variance of a pixel of the linearised mosaic, from the camera quantities."""
+"""What a camera's maker knows of its noise: variance of a pixel of the linearised mosaic, from the camera quantities.
+
+Figures of a sensor look at datasheets for the rest: what stages add whose noise is no camera quantity, such as that of rows and columns.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from etendue.api import quantity
 from etendue.physics.electronics import amplifier
+from etendue.spec.roles import READ_NOISE, Sheet
 from etendue.stages.electronics.gain_chain import GainChain, analogue_gain
+
+Sheets = Sequence[tuple[str, Sheet]]
+
+
+def elsewhere(sheets: Sheets, figure: str) -> float:
+    """Square of a noise (``read_noise``, ``dsnu``), electron^2, over all stages but that whose noise is a camera quantity."""
+    return sum(sheet.figures.get(figure, 0.0) ** 2 for _, sheet in sheets if sheet.role != READ_NOISE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,7 +47,7 @@ class DemosaicNearest(_Demosaic, Haloed):
     nanoseconds: ClassVar = 2.0
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
-        return {"rgb_camera": bilinear.nearest(mosaic_linear, self.seen(y, x))}
+        return {"rgb_camera": bilinear.nearest(mosaic_linear, self.seen(y, x), *first_pixel(y, x))}
 
     def halo(self) -> int:
         return 2

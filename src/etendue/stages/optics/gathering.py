@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue import spectra
-from etendue.api import Banded, Bounded, Facts, Grid, param, proved, quantity
+from etendue.api import Banded, Bounded, Facts, Grid, Tinting, param, proved, quantity
 from etendue.physics.light import radiometry
 from etendue.physics.optics import filters
 from etendue.stages.optics.conjugates import Conjugates
@@ -73,7 +73,7 @@ class Irradiance(Conjugates, Banded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpticalFilter(Banded, Bounded):
+class OpticalFilter(Banded, Bounded, Tinting):
     """A filter in the light path: a smooth short-pass, or any transmission table; several filters are several stages."""
 
     role: ClassVar = "optical filter"
@@ -103,8 +103,7 @@ class OpticalFilter(Banded, Bounded):
             return transmission
         return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
 
-    def passed(self, grid: Grid) -> Any:
-        """(wavelength,): transmission in the bands of a grid."""
+    def transmission(self, grid: Grid) -> Any:
         bands = grid.bands()
         return np.asarray(self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())}))
 
@@ -121,7 +120,7 @@ class OpticalFilter(Banded, Bounded):
         """What it takes from the bands that the light has; of unknown light, from all."""
         if not self.table and math.isinf(self.cut_off):
             return 0.0, "it lets everything through"
-        taken = 1.0 - self.passed(grid)
+        taken = 1.0 - self.transmission(grid)
         light = np.array(facts.spectrum.high) if facts.spectrum is not None else np.ones(taken.size)
         return float(np.abs(taken * light).max()), "it lets through nearly all of the light that there is"
 
@@ -136,6 +135,6 @@ class OpticalFilter(Banded, Bounded):
         light = facts["irradiance"]
         if light.spectrum is None:
             return replace(light, low=None, high=None)
-        spectrum = light.spectrum.weighed(tuple(map(float, self.passed(grid["irradiance"]))))
+        spectrum = light.spectrum.weighed(tuple(map(float, self.transmission(grid["irradiance"]))))
         low, high = spectrum.range_of_light()
         return replace(light, spectrum=spectrum, low=low, high=high)

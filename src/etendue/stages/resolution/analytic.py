@@ -13,10 +13,11 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from etendue.api import InSilicon, Labels, Probe, param, quantity
+from etendue.api import ChannelTransfer, InSilicon, Labels, Probe, param, quantity
 from etendue.physics.resolution import contrast as resolution
 from etendue.physics.resolution import two_points
 from etendue.spec.capabilities import ends_in_sum
+from etendue.spec.roles import CROSSTALK, PROCESSING
 from etendue.stages.resolution import curves
 
 NEARLY = 1e-6  # of a separation, by which its root may err where it is not solved for
@@ -29,20 +30,43 @@ def direction(angle: float) -> tuple[float, float]:
     return whole.get(angle, (math.sin(math.radians(angle)), math.cos(math.radians(angle))))
 
 
-def signed(otf: Any, weights: Any, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+@dataclass(frozen=True)
+class Observed:
+    """Whose contrast is asked for.
+
+    ``weights``: (wavelength,) photons of the second channel (green) or the only one; None for all bands alike. ``channels``: (channel,
+    wavelength), those of all channels under light that is equally strong in all bands. ``light``: (wavelength,); None for such light.
+    """
+
+    weights: Any
+    channels: Any = None
+    light: Any = None
+
+    def mean(self, otf: Any, fy: Any, fx: Any) -> Any:
+        """(n,): over wavelength; behind a pixel with the charge that moves there from pixel to pixel."""
+        if otf.behind:
+            return one_channel(otf.channels_along(fy, fx, self.light, self.channels))
+        return resolution.mean_otf(otf.along(fy, fx), self.weights)
+
+    @property
+    def key(self) -> tuple[bytes, ...]:
+        return tuple(b"" if one is None else one.tobytes() for one in (self.weights, self.light))
+
+
+def signed(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
     """The photon-weighted mean along a direction, with the rendering of the chart or without."""
 
     def value(f: Any) -> Any:
         fy, fx = towards[0] * f, towards[1] * f
-        found = resolution.mean_otf(otf.along(fy, fx), weights)
+        found = observed.mean(otf, fy, fx)
         return found * otf.scene_along(fy, fx) if rendering else found
 
     return value
 
 
-def response(otf: Any, weights: Any, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
+def response(otf: Any, observed: Observed, towards: tuple[float, float], rendering: bool) -> Callable[[Any], Any]:
     """Its size: contrast."""
-    own = signed(otf, weights, towards, rendering)
+    own = signed(otf, observed, towards, rendering)
     return lambda f: np.abs(own(f))
 
 
@@ -50,12 +74,12 @@ def factor_of(stage: Any) -> str:
     """Which factor a stage with a transfer function belongs to: what is not of the sensor is in front of it."""
     if ends_in_sum(type(stage)):
         return "geometry"
-    return "diffusion" if isinstance(stage, InSilicon) else "lens"
+    return "diffusion" if isinstance(stage, InSilicon | ChannelTransfer) else "lens"
 
 
-def half_contrast(otf: Any, weights: Any, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True) -> float:
+def half_contrast(otf: Any, observed: Observed, towards: tuple[float, float], highest: float, nodes: int, solved: bool = True) -> float:
     """MTF50 of a camera without the rendering of its chart; NaN where contrast does not fall to one half up to ``highest``."""
-    own = signed(otf, weights, towards, rendering=False)
+    own = signed(otf, observed, towards, rendering=False)
     grid = resolution.search_nodes(highest, nodes)
     return resolution.Curve(grid, own(grid)).half((lambda f: np.abs(own(f))) if solved else None)
 
@@ -71,17 +95,17 @@ def gains(otf: Any, mtf50: Callable[[Any], float], nyquist: float, highest: floa
         return np.full(len(FACTORS), math.nan)
     found = []
     for factor in FACTORS[:-1]:
-        names = [name for name, stage in otf.parts if factor_of(stage) == factor]
+        names = [name for name, stage in otf.stages if factor_of(stage) == factor]
         without = mtf50(otf.without(names)) if names else whole
         found.append((highest if math.isnan(without) else without) / whole)
     return np.array([*found, max(1.0, whole / nyquist)])
 
 
-def factor_curves(otf: Any, weights: Any, towards: tuple[float, float], pitch: float) -> Any:
+def factor_curves(otf: Any, observed: Observed, towards: tuple[float, float], pitch: float) -> Any:
     """(factor, frequency): contrast of the stages of each factor alone; 1 where there is none, NaN of sampling."""
-    names = {name: factor_of(stage) for name, stage in otf.parts}
+    names = {name: factor_of(stage) for name, stage in otf.stages}
     alone = [otf.without([name for name, own in names.items() if own != factor]) for factor in FACTORS[:-1]]
-    found = [response(one, weights, towards, rendering=False)(curves.PER_PIXEL / pitch) for one in alone]
+    found = [response(one, observed, towards, rendering=False)(curves.PER_PIXEL / pitch) for one in alone]
     return np.array([*found, curves.undefined()])
 
 
@@ -94,9 +118,10 @@ def first_largest(values: Any) -> float:
 class Resolution(Probe):
     """Analytic resolution up to each stage: the photon-weighted polychromatic transfer function along one direction.
 
-    The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) under an equal-energy
-    light; in front of a pixel stage every photon counts the same. It is the camera's curve: the softness with which the scene's
-    chart was drawn is in every picture of it and in ``edge_resolution``, and here only with ``rendering = true``.
+    The weights are those of the pixel's second channel (green; of a monochrome sensor its only one) in the light of the scene's white
+    behind the filters, or, of a scene that does not say it, in light that is equally strong in all bands. The row of the pixel holds the
+    charge that wanders, in front of the colour filters or behind them (``crosstalk``). It is the camera's curve: the softness with which
+    the scene's chart was drawn is in every picture of it and in ``edge_resolution``, and here only with ``rendering = true``.
 
     ``mtf50`` and ``mtf10``: lowest frequency at which contrast has fallen to one half, to a tenth; ``cut_off``: highest at
     which it is ``cut_off_contrast``; NaN where that is not below ``highest``, and from the first stage on that moves
@@ -120,6 +145,9 @@ class Resolution(Probe):
         "mtf": "stage frequency [1] nan", "factor_mtf": "factor frequency [1] nan",
         "frequency_lp_mm": "frequency [cycles/mm]", "nyquist_lp_mm": "[cycles/mm]",
     }  # fmt: skip
+    unseen: ClassVar = dict.fromkeys(
+        (*writes.keys() - {"nyquist", "nyquist_lp_mm", "frequency_lp_mm", "factor_mtf"},), (CROSSTALK, *PROCESSING)
+    )
     creates: ClassVar = {"factor": Labels(FACTORS), "frequency": curves.FREQUENCY}
     nanoseconds: ClassVar = 2.3e5
 
@@ -144,10 +172,10 @@ class Resolution(Probe):
     )  # fmt: skip
 
     def run(self, transfers: Any, prepared: Any) -> dict[str, Any]:
-        weights = None if prepared is None else _shares(prepared[min(1, len(prepared) - 1)])
+        observed = self.observed(transfers, prepared)
         towards, nyquist = direction(self.angle), 0.5 / self.pixel_pitch
-        seen = [(otf, self.seen(otf, weights, towards)) for _, otf in transfers]
-        rows = [self.figures(otf, found, weights, towards, nyquist) for otf, found in seen]
+        seen = [(otf, self.seen(otf, observed, towards)) for _, otf in transfers]
+        rows = [self.figures(otf, found, observed, towards, nyquist) for otf, found in seen]
         by_stage = {name: np.array([row[name] for row in rows]) for name in _FIGURES}
         effective = np.fmin(by_stage["mtf50"], nyquist)
         effective = np.where(np.isnan(by_stage["mtf_nyquist"]), np.nan, effective)
@@ -156,29 +184,38 @@ class Resolution(Probe):
         gain = np.full(len(FACTORS), np.nan)
         factors = np.full((len(FACTORS), curves.SAMPLES), np.nan)
         if last and last[0].whole:
-            factors = factor_curves(last[0], weights, towards, self.pixel_pitch)
-            known = {} if self.rendering else {otf.parts: found.mtf50 for otf, found in seen if found is not None}
-            gain = gains(last[0], lambda otf: self.half(otf, weights, towards, known), nyquist, self.highest)
+            factors = factor_curves(last[0], observed, towards, self.pixel_pitch)
+            known = {} if self.rendering else {otf.stages: found.mtf50 for otf, found in seen if found is not None}
+            gain = gains(last[0], lambda otf: self.half(otf, observed, towards, known), nyquist, self.highest)
         return {
             **by_stage, "mtf50_lp_mm": by_stage["mtf50"] * 1e3, "nyquist": np.array(nyquist),
             "effective_lp_mm": effective * 1e3, "effective_cycles": effective * self.pixel_pitch,
             "effective_line_widths": 2 * effective * height,
             "resolution_gain": gain, "limiting_factor": np.array(first_largest(gain)),
-            "mtf": self.curves([otf for otf, _ in seen], weights, towards), "factor_mtf": factors, **curves.beside(self.pixel_pitch),
+            "mtf": self.curves([otf for otf, _ in seen], observed, towards), "factor_mtf": factors, **curves.beside(self.pixel_pitch),
         }  # fmt: skip
 
-    def curves(self, otfs: Any, weights: Any, towards: tuple[float, float]) -> Any:
+    def observed(self, transfers: Any, prepared: Any) -> Observed:
+        if prepared is None:
+            return Observed(None)
+        light = next((np.array(otf.light) for _, otf in transfers if otf.light is not None), None)
+        own = one_channel(prepared)
+        if light is None or not np.any(own * light > 0):
+            return Observed(_shares(own), prepared)
+        return Observed(_shares(own * light), prepared, light)
+
+    def curves(self, otfs: Any, observed: Observed, towards: tuple[float, float]) -> Any:
         """(stage, frequency): contrast up to each stage, on the curve itself whatever the settings; NaN where no product is all of the
         camera."""
         at = curves.PER_PIXEL / self.pixel_pitch
-        found = [response(otf, weights, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs]
+        found = [response(otf, observed, towards, self.rendering)(at) if otf.whole else curves.undefined() for otf in otfs]
         return np.array(found).reshape(-1, curves.SAMPLES)
 
-    def seen(self, otf: Any, weights: Any, towards: tuple[float, float]) -> Seen | None:
+    def seen(self, otf: Any, observed: Observed, towards: tuple[float, float]) -> Seen | None:
         """What does not depend on the pitch of the pixels behind, remembered for them; None where no product is all of the camera."""
         if not otf.whole:
             return None
-        own = signed(otf, weights, towards, self.rendering)
+        own = signed(otf, observed, towards, self.rendering)
 
         def make() -> Seen:
             grid = resolution.search_nodes(self.highest, self.places())
@@ -189,20 +226,20 @@ class Resolution(Probe):
             return Seen(curve, *crossings, *two_points.separations(curve.real, ends, nodes=self.point_nodes, within=within))
 
         how = (self.rendering, self.highest, self.nodes, self.solved, self.cut_off_contrast, self.point_nodes)
-        return cast(Seen, otf.once(("resolution", _key(weights), towards, how), make))
+        return cast(Seen, otf.once(("resolution", *observed.key, towards, how), make))
 
-    def half(self, otf: Any, weights: Any, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
+    def half(self, otf: Any, observed: Observed, towards: tuple[float, float], known: Mapping[Any, float]) -> float:
         """MTF50 of a camera, remembered where it may come again."""
-        if otf.parts in known:
-            return known[otf.parts]
+        if otf.stages in known:
+            return known[otf.stages]
         how = (self.highest, self.places(), self.solved)
-        return float(otf.once(("half", _key(weights), towards, how), lambda: half_contrast(otf, weights, towards, *how)))
+        return float(otf.once(("half", *observed.key, towards, how), lambda: half_contrast(otf, observed, towards, *how)))
 
-    def figures(self, otf: Any, seen: Seen | None, weights: Any, towards: tuple[float, float], nyquist: float) -> dict[str, float]:
+    def figures(self, otf: Any, seen: Seen | None, observed: Observed, towards: tuple[float, float], nyquist: float) -> dict[str, float]:
         if seen is None:
             return dict.fromkeys(_FIGURES, math.nan)
         if self.solved or nyquist > self.highest:
-            at_nyquist = float(np.abs(signed(otf, weights, towards, self.rendering)(np.array([nyquist])))[0])
+            at_nyquist = float(np.abs(signed(otf, observed, towards, self.rendering)(np.array([nyquist])))[0])
         else:
             at_nyquist = max(float(seen.curve.contrast(nyquist)), 0.0)
         return {
@@ -242,8 +279,9 @@ def _shares(weights: Any) -> Any:
     return np.round(weights / weights.sum(), 12)
 
 
-def _key(weights: Any) -> bytes:
-    return b"" if weights is None else weights.tobytes()
+def one_channel(values: Any) -> Any:
+    """The second of some channels: green, or the only one."""
+    return values[min(1, len(values) - 1)]
 
 
 _FIGURES = ("mtf50", "mtf10", "cut_off", "mtf_nyquist", "aliasing", "rayleigh", "sparrow")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from etendue.physics.colour import encoding as transfer
 from etendue.physics.resolution import contrast, slanted_edge
 from etendue.physics.sensor import cfa
 from etendue.stages.resolution import curves
-from etendue.stages.resolution.analytic import FACTORS, first_largest, gains, half_contrast, picture_height, response
+from etendue.stages.resolution.analytic import FACTORS, Observed, first_largest, gains, half_contrast, one_channel, picture_height, response
 from etendue.stages.resolution.edge_pictures import Edge, Picture, Window, known_edge, once_for
 from etendue.stages.sensor.masks import mask_of
 
@@ -121,8 +121,9 @@ class EdgeProbe(Probe):
         rgb_camera: Any, xyz_scene: Any, rgb_linear: Any, rgb_display: Any, stage: Any,
     ) -> dict[str, Any]:  # fmt: skip
         light = lights[-1][1].astype(float) if lights else None
-        green = _second(next((otf.weights for _, otf in transfers if otf.weights is not None), None))
-        weights = green if light is None or green is None else green * light  # a grey chart has the white's spectrum
+        channels = next((otf.weights for _, otf in transfers if otf.weights is not None), None)
+        green = _second(channels)
+        observed = Observed(green if light is None or green is None else green * light, channels, light)  # of a grey chart
         y_row = _luminance(matrices, whites)
         display = np.array(LUMINANCE)
         taken: dict[str, Callable[[Any], Any]] = {
@@ -147,12 +148,12 @@ class EdgeProbe(Probe):
         clipped = any(self.clips(array, grid) for _, array, grid in mosaic_linear[:1])
         rows = {name: _row(*found[name][1:], self.pixel_pitch) for name in stage}
         _carry(rows, [name for name, *_ in mosaic_linear[:1]], stage, clipped)
-        analytic = self.analytic(transfers, weights, [(name, *found[name][:2]) for name in stage])
+        analytic = self.analytic(transfers, observed, [(name, *found[name][:2]) for name in stage])
         edge = {key: np.array([rows[name][key] for name in stage]) for key in _COLUMNS}
         edge["edge_flags"] = edge["edge_flags"].astype(np.uint8)
         known = np.array([analytic[name][0] for name in stage])
         effective = edge["edge_effective_cycles"] / self.pixel_pitch
-        gain, limiting = self.limits(transfers, weights, [(name, *found[name]) for name in stage], clipped)
+        gain, limiting = self.limits(transfers, observed, [(name, *found[name]) for name in stage], clipped)
         return {
             **edge, "edge_effective_lp_mm": effective * 1e3, "edge_effective_line_widths": 2 * effective * picture_height(transfers),
             "edge_analytic": known, "edge_difference": edge["edge_mtf50"] - known,
@@ -218,43 +219,50 @@ class EdgeProbe(Probe):
 
     # -- what the transfer functions say --------------------------------------------------------------------------
 
-    def analytic(self, transfers: Any, weights: Any, found: Any) -> dict[str, tuple[float, Any]]:
+    def analytic(self, transfers: Any, observed: Observed, found: Any) -> dict[str, tuple[float, Any]]:
         """MTF50 and the curve along each picture's own normal, NaN where no product of transfer functions is what made the picture."""
         by_name = dict(transfers)
         values: dict[str, tuple[float, Any]] = {}
         current = transfers[0][1].without([name for name, _ in transfers[0][1].parts]) if transfers else None
-        ended = not transfers
+        ended, pixel = not transfers, None
         for number, (name, variable, edge) in enumerate(found):
             if name in by_name:
-                current = by_name[name]
+                pixel = by_name[name]
+                current = replace(pixel, behind=())  # its own picture: charge moves later
                 ended = ended or not current.whole
+            elif pixel is not None and name in dict(pixel.behind):
+                last = list(dict(pixel.behind)).index(name)
+                current = replace(pixel, behind=pixel.behind[: last + 1])
             elif variable != "irradiance" or not any(by_name[n].whole for n, *_ in found[number + 1 :] if n in by_name):
                 ended = True
             if ended or edge is None or current is None:
                 values[name] = (math.nan, curves.undefined())
                 continue
-            own = response(current, weights, _normal(edge), rendering=True)
+            own = response(current, observed, _normal(edge), rendering=True)
             grid = contrast.search_nodes(self.highest, self.nodes)
             values[name] = (contrast.falls_below(own, 0.5, grid, own(grid)), own(curves.PER_PIXEL / self.pixel_pitch))
         return values
 
-    def limits(self, transfers: Any, weights: Any, found: Any, clipped: bool) -> tuple[Any, float]:
+    def limits(self, transfers: Any, observed: Observed, found: Any, clipped: bool) -> tuple[Any, float]:
         """(factor,) gains, and the index of what limits, NaN where that is not known."""
         nyquist = 0.5 / self.pixel_pitch
         pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
         gain = np.full(len(EVERY_FACTOR), math.nan)
-        edges = [edge for *_, edge, _ in found if edge is not None]
+        edges, spread = [edge for *_, edge, _ in found if edge is not None], 1.0
         if pixel is not None and pixel.whole and edges:
             normal = _normal(edges[0])
-            gain[: len(FACTORS)] = gains(
-                pixel, lambda otf: half_contrast(otf, weights, normal, self.highest, self.nodes), nyquist, self.highest
-            )
+
+            def half(otf: Any) -> float:
+                return half_contrast(otf, observed, normal, self.highest, self.nodes)
+
+            gain[: len(FACTORS)] = gains(pixel, half, nyquist, self.highest)
+            spread = half(pixel) / half(replace(pixel, behind=())) if pixel.behind else 1.0
         first = {variable: (edge, self.pixel_pitch / step) for _, variable, edge, step in reversed(found)}  # picture of each kind
         if clipped:
             return gain, math.nan
         (before, pixels), (after, behind) = (first.get(variable, (None, 1.0)) for variable in ("photon_rate", "rgb_camera"))
         if before is not None and after is not None:
-            gain[EVERY_FACTOR.index("demosaic")] = _effective(before, pixels) / _effective(after, behind)
+            gain[EVERY_FACTOR.index("demosaic")] = _effective(before, pixels, spread) / _effective(after, behind)
         read_out = [seen for variable, seen in first.items() if variable not in NOISE_FREE]
         two = [first[variable] for variable in ("mosaic_linear", "rgb_camera") if variable in first] or read_out[:1]
         doubt = min((_doubt(edge, per_pixel) for edge, per_pixel in two if edge is not None), default=math.inf)
@@ -301,11 +309,14 @@ def _carry(rows: dict[str, dict[str, float]], mosaic: list[str], stage: Any, cli
         rows[name]["edge_flags"] = int(rows[name]["edge_flags"]) | FLAGS["clipped"]
 
 
-def _effective(edge: Edge, per_pixel: float) -> float:
-    """MTF50 in cycles/pixel, but at most Nyquist; NaN where a coarse grid does not see so far."""
+def _effective(edge: Edge, per_pixel: float, spread: float = 1.0) -> float:
+    """MTF50 in cycles/pixel, but at most Nyquist; NaN where a coarse grid does not see so far.
+
+    ``spread``: what charge that moves between pixels behind the picture leaves of it.
+    """
     if edge.not_reached:
         return NYQUIST if edge.frequency[-1] * per_pixel >= NYQUIST else math.nan
-    return min(edge.mtf50 * per_pixel, NYQUIST)
+    return min(edge.mtf50 * per_pixel * spread, NYQUIST)
 
 
 def _normal(edge: Edge) -> tuple[float, float]:
@@ -331,7 +342,7 @@ def _doubt(edge: Edge, per_pixel: float) -> float:
 
 def _second(weights: Any) -> Any:
     """Of the weights of channels that of the second, or of the only one."""
-    return None if weights is None else np.asarray(weights[min(1, len(weights) - 1)], dtype=float)
+    return None if weights is None else np.asarray(one_channel(weights), dtype=float)
 
 
 def _mixed(weights: Any, planes: Any) -> Any:

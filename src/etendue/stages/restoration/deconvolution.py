@@ -19,6 +19,7 @@ from etendue.stages.electronics.known_noise import KnownNoise
 from etendue.stages.restoration.figures import (
     FIGURES,
     LOOKS,
+    UNSEEN,
     System,
     baseband,
     figures,
@@ -69,6 +70,7 @@ class Wiener(Inverse):
 
     reads: ClassVar = LOOKS
     writes: ClassVar = FIGURES
+    unseen: ClassVar = UNSEEN
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 400.0
 
@@ -129,6 +131,7 @@ class RichardsonLucy(Inverse):
 
     reads: ClassVar = LOOKS
     writes: ClassVar = FIGURES
+    unseen: ClassVar = UNSEEN
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1000.0
 

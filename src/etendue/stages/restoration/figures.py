@@ -17,7 +17,9 @@ import scipy
 from etendue.api import Stage, moves_light
 from etendue.physics.light import sampling
 from etendue.physics.resolution import restoration_gain
+from etendue.spec.roles import CROSSTALK, PROCESSING
 
+UNSEEN = {"mtf50_gain": (CROSSTALK, *PROCESSING)}
 BLOCK = 4_000_000  # values of transfer functions held at once
 LOOKS = {"rgb_camera": "channel y x [1]", "transfers": "*.transfer [1]"}
 FIGURES = {"rgb_camera": "channel y x [1]", "mtf50_gain": "[1] nan optional", "noise_gain": "[1] nan optional"}
@@ -73,7 +75,11 @@ class System:
         height = max(1, BLOCK // max(1, fx.size * (1 if shares is None else shares.shape[1])))
         parts = []
         for first in range(0, fy.size, height):
-            values = self.otf.plane(fy[first : first + height], fx)
+            some = fy[first : first + height]
+            if self.otf.behind:
+                parts.append(self.otf.channels(some, fx))
+                continue
+            values = self.otf.plane(some, fx)
             parts.append(values.mean(axis=0)[None] if shares is None else np.tensordot(shares, values, 1))
         return np.concatenate(parts, axis=1)
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from etendue.api import Bounded, Facts, Grid, Haloed, Stage, param, quantity
 from etendue.physics.restoration import denoise, sharpening
 from etendue.stages.electronics.known_noise import KnownNoise
-from etendue.stages.restoration.figures import FIGURES, LOOKS, System, figures
+from etendue.stages.restoration.figures import FIGURES, LOOKS, UNSEEN, System, figures
 from etendue.stages.sensor.masks import mask_of
 
 
@@ -37,6 +37,7 @@ class Sharpen(Laplacian, Bounded, Haloed):
 
     reads: ClassVar = LOOKS
     writes: ClassVar = FIGURES
+    unseen: ClassVar = UNSEEN
 
     pixel_pitch: float = quantity("pixel_pitch")
 
@@ -94,6 +95,7 @@ class Unsharp(Bounded, Haloed):
     role: ClassVar = "sharpening"
     reads: ClassVar = LOOKS
     writes: ClassVar = FIGURES
+    unseen: ClassVar = UNSEEN
     gain: ClassVar = 1.0 + 2 * 10.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 20.0

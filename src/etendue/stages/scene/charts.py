@@ -136,6 +136,9 @@ class Scene(Source, Banded):
     def constants(self, prepared: Any) -> dict[str, Any]:
         return {"white_radiance": prepared[0] if isinstance(prepared, tuple) else prepared}
 
+    def white_light(self, edges: tuple[float, ...]) -> Any:
+        return spectra.light_of_radiance(self.illuminant, edges, 1.0)
+
     def softness_um(self, softness: float) -> float:
         return softness * self.spacing
 

@@ -1,7 +1,7 @@
 """Crosstalk behind the colour filters: charge that wanders into neighbouring pixels, of whatever colour they are.
 
 In:  ``photocurrent`` (y, x) behind the mosaic; ``white_irradiance``, which weighs the wavelengths.
-Out: ``photocurrent``.
+Out: ``photocurrent``; the transfer functions between channels.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, param
-from etendue.physics.sensor import crosstalk, silicon
+from etendue.api import Bounded, ChannelTransfer, Facts, Grid, param
+from etendue.physics.sensor import crosstalk, crosstalk_planes, silicon
 from etendue.stages.sensor.masks import first_pixel, mask_of
 from etendue.stages.sensor.sensitivity import Collecting, electrons_per_irradiance
 
@@ -22,7 +22,7 @@ LARGEST_REACH = 256  # pixels
 
 
 @dataclass(frozen=True, kw_only=True)
-class Crosstalk(Collecting, Bounded):
+class Crosstalk(Collecting, Bounded, ChannelTransfer):
     """Charge that diffuses behind the colour filters (``crosstalk = "through_filter"``), by a pixel kernel for each channel.
 
     A kernel says where the charge made under a pixel's filter is collected: the square under the filter lit evenly,
@@ -54,6 +54,16 @@ class Crosstalk(Collecting, Bounded):
             return {"photocurrent": photocurrent}
         kernel = channel_kernels(prepared[0] * white_irradiance, prepared[1], self.beyond)
         return {"photocurrent": crosstalk.diffuse(photocurrent, kernel, mask_of(self.pattern), *first_pixel(y, x))}
+
+    def moves_charge(self) -> bool:
+        return self.crosstalk == "through_filter"
+
+    def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+        """Of kernels as wide as the charge wanders, whatever ``beyond`` is."""
+        electrons, (kept, moved, along_y, along_x) = prepared
+        share = shares_of(electrons * light)
+        per_pixel = np.asarray(fy) * self.pixel_pitch, np.asarray(fx) * self.pixel_pitch
+        return crosstalk_planes.channel_transfer(share @ kept, share @ moved, along_y, along_x, mask_of(self.pattern), *per_pixel)
 
     def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
         if self.crosstalk == "per_plane":
@@ -97,9 +107,14 @@ def _tables(edges: tuple[float, ...], diode: tuple[Any, ...], pixel: tuple[float
 def channel_kernels(photons: Any, tables: Any, beyond: float) -> Any:
     """Kernels of the channels: means over wavelength with these weights, (channel, wavelength)."""
     kept, moved, along_y, along_x = tables
-    total = photons.sum(axis=1, keepdims=True)
-    share = np.where(total > 0, photons / np.where(total > 0, total, 1), 1 / photons.shape[1])
+    share = shares_of(photons)
     return crosstalk.kernels(share @ kept, share @ moved, along_y, along_x, beyond)[0]
+
+
+def shares_of(photons: Any) -> Any:
+    """(channel, wavelength) of all photons of a channel; of one without any the same everywhere."""
+    total = photons.sum(axis=1, keepdims=True)
+    return np.where(total > 0, photons / np.where(total > 0, total, 1), 1 / photons.shape[1])
 
 
 def mixing_of(stage: Any, edges: tuple[float, ...], photons: Any) -> Any:

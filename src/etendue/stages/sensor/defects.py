@@ -47,12 +47,13 @@ class Defects(Sampled):
         return defects.listed_map(entries, coordinates["y"], coordinates["x"])
 
     def run(self, photocurrent: Any, prepared: Any, rng_sensor: Any) -> dict[str, Any]:
-        drawn = defects.drawn_map(rng_sensor.uniform("kind"), self.hot, self.dead, 0.0)
+        drawn = defects.drawn_map(rng_sensor.uniform("hot or dead"), self.hot, self.dead, 0.0)
         found = np.where(np.isin(prepared, (defects.HOT, defects.DEAD)), prepared, drawn)
         warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
-        rates = defects.hot_rates(rng_sensor.uniform("rate"), self.hot_rate * warm)
+        hot = np.nonzero(found == defects.HOT)
         light = np.where(found == defects.DEAD, photocurrent.dtype.type(0), photocurrent)
-        return {"photocurrent": np.where(found == defects.HOT, light + rates, light), "defect_map": found.astype(np.uint8)}
+        light[hot] += defects.hot_rates(rng_sensor.uniform("hot rate")[hot], self.hot_rate * warm).astype(light.dtype)
+        return {"photocurrent": light, "defect_map": found.astype(np.uint8)}
 
     def mean(self, photocurrent: Any, prepared: Any) -> dict[str, Any]:
         """Over many sensors: defects that are drawn are spread over all pixels, and the map holds those that are listed."""
@@ -88,11 +89,13 @@ class StuckPixels(Sampled):
         return defects.listed_map(entries, coordinates["y"], coordinates["x"])
 
     def run(self, raw: Any, prepared: Any, rng_sensor: Any) -> dict[str, Any]:
-        drawn = defects.drawn_map(rng_sensor.uniform("kind"), 0.0, 0.0, self.stuck)
+        drawn = defects.drawn_map(rng_sensor.uniform("stuck"), 0.0, 0.0, self.stuck)
         found = np.where(prepared == defects.STUCK, prepared, drawn)
-        share = rng_sensor.uniform("level") if self.level < 0 else np.full(found.shape, self.level)
-        codes = np.floor(share * (2**self.bits - 1) + 0.5).astype(raw.dtype)
-        return {"raw": np.where(found == defects.STUCK, codes, raw), "stuck_map": found.astype(np.uint8)}
+        stuck = np.nonzero(found == defects.STUCK)
+        share = rng_sensor.uniform("stuck level")[stuck] if self.level < 0 else self.level
+        codes = raw.copy()
+        codes[stuck] = np.floor(share * (2**self.bits - 1) + 0.5)
+        return {"raw": codes, "stuck_map": found.astype(np.uint8)}
 
     def mean(self, raw: Any, prepared: Any) -> dict[str, Any]:
         """Over many sensors: those that are drawn are spread over all pixels, and the map holds those that are listed."""

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from etendue import plain_files
 from etendue.errors import RequestError
 from etendue.physics.colour import encoding as transfer
-from etendue.picture_files import read_picture
+from etendue.picture_files import check_directories, read_picture
 
 ENCODINGS = ("sRGB", "BT.709", "linear")
 CHANNELS = ("luminance", "red", "green", "blue")
@@ -142,6 +143,10 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
         raise RequestError(f"{path}: there is no such file")
     if path.is_dir():
         raise RequestError(f"{path}: a folder; expected a picture: PNG, JPEG, TIFF or a raw file")
+    try:
+        plain_files.check_plain(path)
+    except OSError as error:
+        raise RequestError(f"{path}: {error.strerror}; expected a picture: PNG, JPEG, TIFF or a raw file") from None
     if path.suffix.lower() in RAW:
         return _raw(path, weights)
     try:
@@ -170,6 +175,7 @@ def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
     """The mosaic above its black level, not demosaiced, as the sensor lies."""
     rawpy = reader()
     try:
+        check_directories(path)
         with rawpy.imread(str(path)) as file:
             mosaic = file.raw_image_visible
             if mosaic is None or mosaic.ndim != 2:

@@ -1,0 +1,41 @@
+"""How a variable of a cell is drawn, from the plan: its black and the filters in front of its pixels at the cell's own axis values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from etendue.plan.model import Cell, Node, Plan
+from etendue.spec.capabilities import Viewed
+from etendue.spec.drawn import FLAT, Drawn
+from etendue.spec.variables import variable
+
+PATTERN = "pattern"
+
+
+def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
+    """None of what is no picture, or is not shown."""
+    known, dims = variable(name), plan.node(cell.node).writes[name].dims
+    if not known.shown or dims[-2:] != ("y", "x"):
+        return None
+    black = float(_quantity(plan, cell, known.black) or 0) if known.black else 0.0
+    own = known.shown == "linear" and not set(FLAT) & set(dims)
+    pattern = str(_quantity(plan, cell, PATTERN) or "") if own else ""
+    viewed = "channel" in dims and isinstance(cell.stage, Viewed)
+    white = cell.stage.viewing_white() if viewed and isinstance(cell.stage, Viewed) else None
+    return Drawn.of(known, black, pattern, () if white is None else [float(value) for value in white])
+
+
+def quantity_axes(plan: Plan, node: Node, name: str) -> tuple[int, ...]:
+    """Which of a node's axes set a camera quantity on which it depends how a variable is drawn."""
+    names = {PATTERN, variable(name).black} - {""}
+    axes = [plan.axis(dim) for dim in node.axes]
+    return tuple(number for number, axis in enumerate(axes) if axis.key in names or names & axis.gives.keys())
+
+
+def _quantity(plan: Plan, cell: Cell, name: str) -> Any:
+    """A camera quantity as it is for a cell; None where it is swept along an axis that does not reach the cell."""
+    axes = plan.node(cell.node).axes
+    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):  # its own axis before that of a sensor
+        if axis.key == name or name in axis.gives:
+            return axis.value(name, cell.index[axes.index(axis.dim)]) if axis.dim in axes else None
+    return plan.camera.get(name)

@@ -1,0 +1,38 @@
+"""What a figure does not see: stages of the pipeline that change what it is about, and are not in it.
+
+In:  a plan, a node of it and a variable that it writes.
+Out: names of stages, for tables, plots and reports to say beside the figure.
+"""
+
+from __future__ import annotations
+
+from etendue.plan.model import Node, Plan
+from etendue.spec.capabilities import is_random
+from etendue.spec.roles import SHOT_NOISE, Datasheet
+from etendue.spec.stage import Stage, looks_at_stages
+
+
+def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
+    """The names of these stages, in the order of the pipeline; none of a stage that does nothing in any cell."""
+    roles = {role for one in node.alternatives for role in one.kind.unseen.get(variable, ())}
+    if not roles:
+        return ()
+    looked = {what: names for _, what, names in node.looks_at if looks_at_stages(what)}
+    seen = {name for names in looked.values() for name in names}
+    found = []
+    for other in plan.nodes:
+        kinds = [one.kind for one in other.alternatives]
+        told = any(kind.role in roles for kind in kinds) or ("datasheet" in looked and any(map(_silent, kinds)))
+        if told and other.name not in seen | {node.name} and not other.is_probe and not _idle(plan, other):
+            found.append(other.name)
+    return tuple(found)
+
+
+def _silent(kind: type[Stage]) -> bool:
+    """Whether a stage of the read-out draws noise of which no datasheet says how much."""
+    writes = {"charge", "raw"} & set(kind.writes)
+    return bool(writes) and is_random(kind) and not issubclass(kind, Datasheet) and kind.role != SHOT_NOISE
+
+
+def _idle(plan: Plan, node: Node) -> bool:
+    return all(cell.left_out is not None and cell.left_out.bound == 0 for cell in plan.of(node.name))

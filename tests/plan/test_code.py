@@ -1,0 +1,200 @@
+"""The code behind built-in stages: what can change a bit of a cell is in its key, what cannot is not."""
+
+import os
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from etendue.plan import code as code_of
+from etendue.plan import distributions, sources
+from etendue.plan.engine import ENGINE, MOVES, RANDOM_KERNELS, TRANSFER_KERNELS, only_moves
+from etendue.registry import installed_stages
+from etendue.spec.capabilities import is_random, is_transfer
+
+BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
+
+
+def forget():
+    """What a process remembers of code."""
+    for module in (code_of, sources, distributions):
+        for found in vars(module).values():
+            if hasattr(found, "cache_clear"):
+                found.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def code(tmp_path_factory):
+    """A copy of the package that a test may edit: its folder, a way to the digests of all built-in stages, and those unedited."""
+    package = tmp_path_factory.mktemp("code") / "etendue"
+    shutil.copytree(sources.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+
+    def digests():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sources, "PACKAGE", package)
+            forget()
+            try:
+                return {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+            finally:
+                forget()
+
+    return package, digests, digests()
+
+
+@contextmanager
+def edited_files(*paths):
+    texts = [path.read_text() for path in paths]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text + "\n# edited\n")
+    yield
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text)
+
+
+STAGES = {
+    "optics": {"irradiance", "optical_filter"},
+    "lens": {"diffraction", "lens_gaussian", "lens_psf"},
+    "sensor": {"diffusion", "pixel", "crosstalk"},
+    "reconstruct": {"demosaic_nearest", "demosaic_bilinear", "demosaic_colour_difference", "demosaic_directional", "demosaic_any"},
+    "random": {name for name in BUILT_IN if is_random(installed_stages().load(name))},
+    "transfer": {name for name in BUILT_IN if is_transfer(installed_stages().load(name))},
+}
+
+
+@pytest.mark.parametrize(
+    ("edited", "must", "must_not"),
+    [
+        (
+            "physics/mosaic/bilinear.py",
+            STAGES["reconstruct"],
+            STAGES["optics"] | STAGES["sensor"] | {"uniform", "encode", "shot_noise"},
+        ),
+        (
+            "physics/sensor/photodiode.py",
+            STAGES["sensor"] | {"white", "colour_fit"},
+            STAGES["optics"] | STAGES["reconstruct"] | {"uniform"},
+        ),
+        (
+            "physics/sensor/cfa.py",
+            STAGES["reconstruct"] | STAGES["sensor"] | {"mosaic", "white"},
+            STAGES["optics"] | {"uniform", "shot_noise"},
+        ),
+        (
+            "physics/optics/airy.py",
+            STAGES["lens"] | {"lens_numbers"},
+            STAGES["optics"] | STAGES["sensor"] | STAGES["reconstruct"] | {"uniform", "encode"},
+        ),
+        ("physics/light/sampling.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
+        ("physics/light/expansion.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
+        ("physics/electronics/noise.py", STAGES["random"], STAGES["reconstruct"] | STAGES["transfer"] | {"linearise"}),
+        ("stages/sensor/sensitivity.py", STAGES["sensor"] | {"white", "colour_fit"}, STAGES["optics"] | STAGES["reconstruct"]),
+        ("picture_files.py", {"photograph"}, STAGES["optics"] | STAGES["reconstruct"] | {"uniform"}),
+        ("data/silicon_absorption.csv", STAGES["sensor"] | {"white"}, STAGES["reconstruct"] | {"adc"}),
+        ("data/spectra.npz", {"uniform", "photograph", "camera_to_xyz"}, STAGES["reconstruct"] | {"adc"}),
+        *((f"{module.removeprefix('etendue.').replace('.', '/')}.py", set(BUILT_IN), set()) for module in ENGINE),
+    ],
+)  # fmt: skip
+def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(code, edited, must, must_not):
+    package, digests, before = code
+    path, kept = package / edited, (package / edited).read_bytes()
+    path.write_bytes(kept + b"\n# edited\n")
+    after = digests()
+    path.write_bytes(kept)
+    seen = {name for name in BUILT_IN if before[name] != after[name]}
+    assert must <= seen
+    assert not must_not & seen
+
+
+def test_an_edit_of_what_moves_or_shows_results_changes_no_key(code):
+    package, digests, before = code
+    shown = ("archive", "cli", "composing", "export", "importing", "page", "plots", "report", "scaffolds", "studies", "testing")
+    names = [path for folder in shown for path in (package / folder).rglob("*.py")]
+    names += [
+        package / name for name in ("run/parallel.py", "run/batches.py", "plan/graph.py", "plan/cost.py", "session.py", "registry.py")
+    ]
+    names += [
+        package / name for name in ("errors.py", "telling.py", "manifest.py", "spec/about.py", "spec/roles.py", "data/variables.toml")
+    ]
+    assert len(names) > 150
+    with edited_files(*names):
+        assert digests() == before
+
+
+def test_every_module_that_the_engine_imports_is_in_a_list_or_a_kernel_in_the_digests_of_its_kind():
+    """No edit of a module that is on the way of a cell goes unseen because nobody thought of it."""
+    kernels = {*TRANSFER_KERNELS, *RANDOM_KERNELS}
+    reached = set(code_of._reached(kernels).sources) | {name.rpartition(".")[0] for name in kernels}
+    for module in ENGINE:
+        for name in sources.known(code_of._own_file(module)).imports:
+            if name.startswith("etendue.") and code_of._own_file(name):
+                assert name in ENGINE or name in MOVES or name in reached, f"{module} imports {name}"
+
+
+def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
+    assert len(set(ENGINE)) == len(ENGINE)
+    assert not set(ENGINE) & set(MOVES)
+    for module in (*ENGINE, *MOVES, *TRANSFER_KERNELS, *RANDOM_KERNELS):
+        path = sources.PACKAGE.parent / Path(*module.removesuffix(".*").split("."))
+        assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), module
+    assert all(len(reason) > 5 for reason in MOVES.values())
+    for module in ("etendue.archive.store", "etendue.cli", "etendue.plan.graph", "etendue.report.tables", "etendue.spec.roles"):
+        assert only_moves(module)
+    for module in ("etendue.plan.strips", "etendue.run.tables", "etendue.spec.units", "etendue.physics.light.sampling", "etendue.effects"):
+        assert not only_moves(module)
+
+
+def test_no_import_of_what_a_built_in_stage_reaches_is_hidden():
+    """`etendue.api` and `etendue.models` import what is asked for: what is taken out of them is followed by its name."""
+    for name in BUILT_IN:
+        for module in code_of.code_of(installed_stages().load(name)).sources:
+            file = code_of._own_file(module) if module.startswith("etendue.") else None
+            assert file is None or not sources.known(file).hides, module
+
+
+def test_a_built_in_stage_names_the_libraries_that_its_code_imports():
+    """One who reads a stage sees what its key depends on; spectra ask colour-science for what is not shipped."""
+    for name in BUILT_IN:
+        kind = installed_stages().load(name)
+        assert code_of.code_of(kind).libraries - set(kind.libraries) <= {"colour-science"}, name
+
+
+def test_what_is_kept_of_a_file_between_runs_is_forgotten_with_it(code, tmp_path, monkeypatch):
+    """Also of one that was edited to the same size and given its old time: not every editor is honest about time."""
+    package, digests, before = code
+    monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
+    edited = package / "physics/mosaic/bilinear.py"
+    text, state = edited.read_text(), edited.stat()
+    monkeypatch.setattr(sources, "SETTLED", 0.0)  # other tests have edited files just now
+    assert digests() == before  # found, and kept
+    reads = []
+    monkeypatch.setattr(sources, "_read", lambda path, read=sources._read: reads.append(path.name) or read(path))
+    assert digests() == before and reads == []
+    edited.write_text(text.replace("mean", "neam", 1))
+    os.utime(edited, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert edited.stat().st_size == state.st_size
+    after = digests()
+    assert {name for name in BUILT_IN if before[name] != after[name]} >= STAGES["reconstruct"] and set(reads) == {"bilinear.py"}
+    edited.write_text(text)
+    assert digests() == before
+    for kept in (tmp_path / "code").iterdir():
+        kept.write_bytes(kept.read_bytes()[:-9])
+    assert digests() == before
+
+
+def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
+    copied = code[2]
+    assert len(set(copied.values())) > 5
+    assert copied == {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+
+
+def test_what_a_scene_was_found_to_hold_is_kept_under_the_code_that_has_found_it(code):
+    package, _, _ = code
+    found = []
+    for edited in ("physics/light/scene_spectrum.py", "scenes.py", "coordinates.py", "report/tables.py"):
+        with pytest.MonkeyPatch.context() as patch, edited_files(package / edited):
+            patch.setattr(sources, "PACKAGE", package)
+            forget()
+            found.append(code_of.code_at("etendue.scenes"))
+    forget()
+    assert len(set(found)) == 4 and found[-1] == code_of.code_at("etendue.scenes")
