@@ -1,9 +1,22 @@
-"""The commands of CI, each under its name, in the environment that is active: ``nox -l`` lists them, ``nox -s tests`` runs one."""
+"""The commands of CI, each under its name, in the environment that is active, or else in that of nox: ``nox -l`` lists them.
+
+``pythons`` and ``lowest`` make environments of their own, with uv; a Python that is not installed is an error.
+"""
+
+import os
+import sys
+from pathlib import Path
 
 import nox
 
 nox.options.default_venv_backend = "none"
+nox.options.error_on_missing_interpreters = True
 nox.options.sessions = ["lint", "types", "imports", "tests"]
+if "VIRTUAL_ENV" not in os.environ:  # .venv/bin/nox without an activated environment: the tools beside nox
+    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+os.environ.setdefault("UV_PYTHON_DOWNLOADS", "never")
+PLUGINS = ["-e", "plugins/etendue-demosaic-malvar", "-e", "plugins/etendue-demosaic-menon"]
+EXTRAS = ["test", "distributed", "cubes", "view", "raw", "objects"]
 
 
 @nox.session
@@ -35,6 +48,22 @@ def tests(session: nox.Session) -> None:
 def long(session: nox.Session) -> None:
     """The laws that take long: kills at random instants, clusters, whole pipelines."""
     session.run("pytest", "-m", "long", *session.posargs)
+
+
+@nox.session(python=["3.11", "3.12", "3.13"], venv_backend="uv")
+def pythons(session: nox.Session) -> None:
+    """The paper's camera and the laws under each Python that is supported. Words behind -- go to pytest."""
+    session.install("-e", ".[test]", *PLUGINS)
+    session.run("etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet")
+    session.run("pytest", *session.posargs)
+
+
+@nox.session(python="3.11", venv_backend="uv")
+def lowest(session: nox.Session) -> None:
+    """The same with the oldest versions that pyproject.toml allows; some laws on bits aside. Words behind -- go to pytest."""
+    session.install("--resolution", "lowest-direct", "-e", f".[{','.join(EXTRAS)}]", *PLUGINS)
+    session.run("etendue", "run", "pipelines/paper.toml", "--archive", f"{session.create_tmp()}/paper", "--recompute", "--quiet")
+    session.run("pytest", "-m", "not long and not bits", *session.posargs)
 
 
 @nox.session

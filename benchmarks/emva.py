@@ -50,14 +50,14 @@ def times() -> Any:
 def frames(values: dict[str, Any], rate: float, seed: int, what: str) -> Any:
     """Raw frames (level, frame, y, x) of a light of so many electron/s, from the product's own stages."""
     chain = (ShotNoise, FullWell, ReadNoise, Adc)
-    light, sensor = np.full((ROWS, COLUMNS), rate, np.float32), SensorRandom(f"{seed}|exposure".encode(), GRID, "float32")
+    light, sensor = np.full((ROWS, COLUMNS), rate, np.float32), SensorRandom(str(seed).encode(), GRID, "float32")
     exposed = [stage(Exposure, values, integration_time=float(time)).run(light, sensor)["expected_charge"] for time in times()]
     charge = np.repeat(exposed, FRAMES, axis=0)
     for kind in chain:
         one = stage(kind, values)
         given = {"rng": philox(f"{seed}|{what}|{kind.__name__}".encode())} if kind in (ShotNoise, ReadNoise) else {}
         if kind is ReadNoise:
-            given["rng_sensor"] = SensorRandom(f"{seed}|read".encode(), GRID, "float32")
+            given["rng_sensor"] = sensor
         (charge,) = one.run(charge, **given).values()
     return charge.reshape(times().size, FRAMES, ROWS, COLUMNS)
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import etendue
 from etendue.physics.electronics import converter, distributions, dynamic_range, noise
 from etendue.physics.electronics.noise import philox
 from etendue.run.tables import SensorRandom
@@ -96,7 +97,7 @@ def chain(charge: Any, seed: str, **values: Any) -> dict[str, Any]:
         stage = kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__})
         given = {"rng": philox(f"{seed}|{kind.__name__}".encode())} if kind in (ShotNoise, ReadNoise) else {}
         if kind is ReadNoise:
-            given["rng_sensor"] = SensorRandom(b"sensor|read", GRID, "float32")
+            given["rng_sensor"] = SensorRandom(b"sensor", GRID, "float32")
         port = next(iter(kind.reads))
         found |= stage.run(found[port], **given)
     return found
@@ -138,7 +139,7 @@ def codes() -> None:
 def patterns() -> None:
     print("fixed patterns: DSNU and PRNU belong to the sensor")
     flat = np.full((ROWS, COLUMNS), 1e5, np.float32)
-    sensor = SensorRandom(b"sensor|exposure", GRID, "float32")
+    sensor = SensorRandom(b"sensor", GRID, "float32")
     expected = [Exposure(integration_time=time, prnu=0.01).run(flat, sensor)["expected_charge"] for time in (0.05, 0.05, 0.0125)]
     values = {"read_noise": 0.0, "dsnu": 5.0, "conversion_gain": 0.25, "full_well_density": 1e4}
     frame_to_frame = np.corrcoef(expected[0].ravel(), expected[1].ravel())[0, 1]
@@ -158,6 +159,37 @@ def patterns() -> None:
     claim("a window of the sensor equals the crop, pixels and rows", "bit for bit", str(bool(same and lines)), bool(same and lines))
 
 
+def camera(serial: str = "1", name: str = "", **words: Any) -> tuple[Any, Any]:
+    """What a whole camera shows of its PRNU and DSNU, the noise of the frame taken off."""
+    light = {"white_luminance": 100, "width": 6 * COLUMNS, "height": 6 * ROWS, "spacing": 6, "wavelength_from": 545, "wavelength_to": 555}
+    stages = [
+        {"use": "uniform", "bin_width": 10, **light}, {"use": "irradiance"}, {"use": "pixel", "rows": ROWS, "columns": COLUMNS},
+        {"use": "mosaic"}, {"use": "exposure", "prnu": 0.02, "dark_nonuniformity": 0, "name": "exposure" + name},
+        {"use": "shot_noise"}, {"use": "read_noise", "name": "read_noise" + name},
+    ]  # fmt: skip
+    quantities = {"pattern": "mono", "peak_qe": [0.5], "sensitivity": "flat", "pixel_pitch": 6, "read_noise": 0, "dsnu": 8}
+    tree = etendue.simulate(
+        {"name": "one", "camera": {**quantities, "integration_time": 0.05, "sensor_serial": serial}, "stages": stages, **words}
+    )
+    charge = tree[f"read_noise{name}"].charge.values.astype(float) - tree["shot_noise"].charge.values
+    return tree[f"exposure{name}"].expected_charge.values.astype(float), charge
+
+
+def sensors() -> None:
+    print("a fixed pattern follows the serial, its own name and the pixel; correlations of two runs, PRNU and DSNU")
+    base = {"seed": 1, "precision": "float64"}
+    one = camera(**base)
+    for what, other in (
+        ("another seed", camera(**{**base, "seed": 2})), ("the other precision", camera(**{**base, "precision": "float32"})),
+        ("other names of the stages", camera(name="_b", **base)), ("another serial", camera("2", **base)),
+        ("PRNU against DSNU", (one[1], one[0])),
+    ):  # fmt: skip
+        found = [float(np.corrcoef(a.ravel(), b.ravel())[0, 1]) for a, b in zip(one, other, strict=True)]
+        apart = what in ("another serial", "PRNU against DSNU")
+        holds = all(abs(r) < 0.02 if apart else r > 1 - 1e-8 for r in found)
+        claim(what, "below 0.02" if apart else "1", ", ".join(f"{r:.9f}" for r in found), holds)
+
+
 def ranges() -> None:
     print("dynamic range, two definitions (well 16000 electron, read noise 10, dark current 4 electron/s)")
     for seconds in (0.01, 1.0):
@@ -168,7 +200,7 @@ def ranges() -> None:
 
 
 def main() -> int:
-    for part in (shot_noise, knob, saturation, codes, patterns, ranges):
+    for part in (shot_noise, knob, saturation, codes, patterns, sensors, ranges):
         part()
     print("missed: " + (", ".join(MISSED) or "none"))
     return 1 if MISSED else 0

@@ -115,18 +115,13 @@ class Camera:
 
     def develop(self, photocurrent: Any, whites: tuple[Any, Any], at: dict[str, int]) -> Any:
         cell = self.cell("exposure", **at)
-        seed = self.plan.pipeline.seed
-        grid = cell.grids["expected_charge"]
-        charge = cell.stage.run(np.maximum(photocurrent, 0), SensorRandom(f"{seed}|exposure|1".encode(), grid, self.plan.precision))[
-            "expected_charge"
-        ]
+        sensor = SensorRandom(b"1", cell.grids["expected_charge"], self.plan.precision)
+        charge = cell.stage.run(np.maximum(photocurrent, 0), sensor)["expected_charge"]
         cell = self.cell("shot_noise", **at)
         charge = cell.stage.run(charge, philox(cell.seed))["charge"]
         charge = self.cell("full_well", **at).stage.run(charge)["charge"]
         cell = self.cell("read_noise", **at)
-        charge = cell.stage.run(charge, philox(cell.seed), SensorRandom(f"{seed}|read_noise|1".encode(), grid, self.plan.precision))[
-            "charge"
-        ]
+        charge = cell.stage.run(charge, philox(cell.seed), sensor)["charge"]
         raw = self.cell("adc", **at).stage.run(charge)["raw"]
         linearised = self.cell("linearise", **at).stage.run(raw)
         linear, clipped = (linearised[name].astype(self.dtype) for name in ("mosaic_linear", "clipping_level"))
