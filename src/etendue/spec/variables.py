@@ -35,7 +35,8 @@ class Variable:
     in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added up. ``beside``: it
     is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0, the end of a run says that
     something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is always so; ''
-    where it depends.
+    where it depends. ``subject``: what a figure is about, such as ``detail`` or ``noise``: reports fold figures by it, and open with
+    that of the lowest ``rank``.
     """
 
     long_name: str = ""
@@ -54,6 +55,8 @@ class Variable:
     masks: Mapping[str, int] = field(default_factory=dict)
     beside: str = ""
     better: str = ""
+    subject: str = ""
+    rank: int = 99
 
     def __post_init__(self) -> None:
         if self.counted not in COUNTED:
