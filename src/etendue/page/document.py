@@ -86,7 +86,7 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Where a page begins without a choice, as the contact sheet: the camera's own value where it is said and on the axis, else the middle."""
+    """Where a page begins without a choice, as the contact sheet: the camera's own value where it is on the axis, else the middle."""
     said = {*_pipeline(opened).get("camera", {}), *(key.removeprefix("camera.") for key in opened.record.get("overrides", {}))}
     start = {}
     for axis in opened.axes:

@@ -100,7 +100,7 @@ function glance(doc) {
     const stage = doc.stages.find((s) => s.name === one.stage);
     strip.append(el('li', {}, el('figure', {},
       el('div', { class: 'tile' }, el('img', { src: `data:image/webp;base64,${one.data}`, alt: `${one.variable} behind ${one.stage}`, width: one.shown[0], height: one.shown[1], loading: 'lazy' })),
-      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
+      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.unencoded ? ' · without gamma' : ''}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
   }
   const chain = el('ol', { class: 'chain' }, doc.stages.map((stage) => el('li', { class: stage.failed ? 'failed' : '' }, el('strong', {}, named(stage.name)), el('span', {}, stage.what || stage.role[0] || stage.use.join(', ')))));
   return section('camera', 'The camera at a glance', 'Light enters at the top left and leaves as a display’s values: each picture is what the stage named below it has made of the one before.',
