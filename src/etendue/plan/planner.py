@@ -22,6 +22,7 @@ from etendue.plan.model import Plan
 from etendue.plan.strips import peak_memory
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.registry import Registry
+from etendue.spec.names import LOOKS
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Stage, parameters_of
 from etendue.telling import plain
@@ -148,7 +149,7 @@ def summary(plan: Plan) -> dict[str, Any]:
     stages = []
     for node in plan.nodes:
         cells = plan.of(node.name)
-        stored = [v for v in node.writes if (node.name, v) in plan.kept]
+        sizes = {v: sum(count * cost.cell_bytes(node, c, plan.precision, [v]) for c, count in cost.alike(cells)) for v in node.writes}
         stages.append(
             {
                 "name": node.name,
@@ -160,7 +161,8 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "one_by_one": list(node.mapped) or None,
                 "left_out": omissions.left_out(node, cells, plan.precision),
                 "approximated": omissions.approximated(node, cells, plan.precision),
-                "bytes": sum(count * cost.cell_bytes(node, c, plan.precision, stored) for c, count in cost.alike(cells)),
+                "bytes": sum(size for v, size in sizes.items() if (node.name, v) in plan.kept),
+                "variables": {v: {"bytes": size, "kept": (node.name, v) in plan.kept} for v, size in sizes.items()},
                 "seconds": sum(count * cost.cell_seconds(node, c, plan.precision) for c, count in cost.alike(cells)),
             }
         )
@@ -170,6 +172,10 @@ def summary(plan: Plan) -> dict[str, Any]:
         "cells": len(plan.cells),
         "naive_cells": len(plan.nodes) * math.prod(len(a.values) for a in plan.axes),
         "bytes": sum(s["bytes"] for s in stages),
+        "keep": {
+            word: sum(s["variables"][v]["bytes"] for s in stages for v in s["variables"] if (s["name"], v) in chosen)
+            for word, chosen in (("all", resolve_keep(plan.nodes, None)), (LOOKS, resolve_keep(plan.nodes, (LOOKS,))))
+        },
         "seconds": sum(s["seconds"] for s in stages),
         "peak_memory": peak_memory(plan),
         "precision": plan.precision,
