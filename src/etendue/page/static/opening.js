@@ -71,9 +71,9 @@ const kindOf = (front, k, scalar) => KINDS[front.kinds[k]] || scalar.name;
 
 function whyOf(front, on) {
   const best = on.map((s, k) => `${percentOf(front.shares[k])} of the best ${kindOf(front, k, s)}`);
-  const all = front.burnt === front.cells, cameras = all ? front.cells : front.cells - front.burnt, clip = `more than ${percentOf(front.clipped)} of pixels, or white`;
+  const all = front.burnt === front.cells, cameras = all ? front.cells : front.cells - front.burnt, clip = `more than ${percentOf(front.clipped)} of pixels or white`;
   return [`Of ${plural(cameras, 'camera')}${front.burnt && !all ? ' that do not clip' : ''} it gives up least: ${listed(best)}. Every other falls below ${percentOf(Math.min(...front.shares))} in one of the two, or is no better.`,
-    all ? ` All of them clip ${clip}: a shorter time would not.` : front.burnt ? ` ${plural(front.burnt, 'camera')} that ${front.burnt === 1 ? 'clips' : 'clip'} ${clip} ${front.burnt === 1 ? 'is' : 'are'} drawn faint.` : ''];
+    all ? ` All of them clip ${clip}.` : front.burnt ? ` ${plural(front.burnt, 'camera')} that ${front.burnt === 1 ? 'clips' : 'clip'} ${clip} ${front.burnt === 1 ? 'is' : 'are'} drawn faint.` : ''];
 }
 
 function frontPlot(doc, front, on) {
