@@ -147,9 +147,11 @@ def _rewritten_in_vain(nodes: Any) -> list[str]:
 def summary(plan: Plan) -> dict[str, Any]:
     """The plan as JSON: ``etendue plan --json``."""
     stages = []
+    written: dict[tuple[str, str], int] = {}  # bytes, by stage and variable
     for node in plan.nodes:
         cells = plan.of(node.name)
         sizes = {v: sum(count * cost.cell_bytes(node, c, plan.precision, [v]) for c, count in cost.alike(cells)) for v in node.writes}
+        written |= {(node.name, v): size for v, size in sizes.items()}
         stages.append(
             {
                 "name": node.name,
@@ -173,8 +175,8 @@ def summary(plan: Plan) -> dict[str, Any]:
         "naive_cells": len(plan.nodes) * math.prod(len(a.values) for a in plan.axes),
         "bytes": sum(s["bytes"] for s in stages),
         "keep": {
-            word: sum(s["variables"][v]["bytes"] for s in stages for v in s["variables"] if (s["name"], v) in chosen)
-            for word, chosen in (("all", resolve_keep(plan.nodes, None)), (LOOKS, resolve_keep(plan.nodes, (LOOKS,))))
+            word: sum(size for place, size in written.items() if place in resolve_keep(plan.nodes, chosen))
+            for word, chosen in (("all", None), (LOOKS, (LOOKS,)))
         },
         "seconds": sum(s["seconds"] for s in stages),
         "peak_memory": peak_memory(plan),
