@@ -24,6 +24,7 @@ function openingPart(doc, scalars) {
     picture, el('div', {}, words, front ? null : kept, front ? null : el('div', { class: 'beneath two-up' }, below)),
     front ? el('div', { class: 'beneath' }, below[0], kept, below[1]) : null));
   made.classList.add('opening');
+  if (!front) parts[parts.length - 1].title = 'Exposure';
   return made;
 }
 
