@@ -13,6 +13,7 @@ import pytest
 from etendue.cli import main
 from etendue.report.terminal import short_axes
 from etendue.studies.files import finite
+from tests.fresh import process
 
 SMALL = """
 name = "small"
@@ -65,9 +66,7 @@ def strict(text):
 
 
 def etendue(*arguments, cwd=None, env=None):
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", *arguments], capture_output=True, text=True, cwd=cwd, env={**os.environ, **(env or {})}
-    )
+    return process(*arguments, cwd=cwd, env={**os.environ, **(env or {})})
 
 
 @pytest.fixture

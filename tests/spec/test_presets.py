@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +16,7 @@ from etendue.spec.pipeline import parse_pipeline, read_pipeline
 from etendue.spec.presets import SPOKEN, preset, preset_names
 from etendue.spec.stage import parameters_of
 from etendue.spec.units import to_unit
+from tests.fresh import process
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "pipelines" / "sensors.toml").read_text()
@@ -157,7 +156,7 @@ def test_the_pipeline_in_the_repository_runs_as_it_stands():
 
 
 def command(*words):
-    return subprocess.run([sys.executable, "-m", "etendue", "sensors", *words], capture_output=True, text=True, timeout=60, check=False)
+    return process("sensors", *words)
 
 
 def test_the_command_lists_sensors_and_gives_sources():
