@@ -26,6 +26,7 @@ PHRASES = (  # whole commands first, as options stand in them
     ("write over it with --force", "write over it with force=True"),
     ("elsewhere with --output", "elsewhere with output="),
 )
+TYPED = ("prune", "accept-platform", "recompute", "cell-timeout")  # which only the command takes
 KINDS = ("dng", "tiff", "png")  # of exported files
 ARGUMENTS = {"variable": "variables", "all": "everything"}
 _COMMAND = re.compile(r"\betendue (?:[a-z]+\b)[^;:,()\n]*")
@@ -52,6 +53,8 @@ def in_arguments(text: str) -> str:
 
 def _argument(found: re.Match[str]) -> str:
     name, value = found[1].replace("-", "_"), found[2]
+    if found[1] in TYPED:
+        return f"etendue run {found[0]}"
     if name in KINDS:
         return f"kind={name!r}" + (f" {value}" if value else "")
     name = ARGUMENTS.get(name, name)
