@@ -92,6 +92,7 @@ def test_the_airy_disc_of_the_pipeline_is_that_of_its_block():
     assert shown.split() == ["airy_diameter", f"{float(found['lens_numbers'].airy_diameter):.5g}", "um"]
 
 
+@pytest.mark.long
 def test_the_comparison_of_both_orders_is_what_its_command_prints(tmp_path):
     shown = [body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py order paper paper_order"]
     last = {"paper": ["sharpen.rgb_camera", "rgb_display"], "paper_order": ["dynamic_range_clip.rgb_camera", "rgb_display"]}
