@@ -182,7 +182,7 @@ def test_a_grey_sensor_without_a_demosaicer_is_followed_up_to_its_mosaic():
     (row,) = found["mosaic"]
     assert not found["rows"] and row["found"] == pytest.approx(row["predicted"], rel=0.1)
     detail = information(mono, installed_stages(), count=0).document()
-    assert [one["stage"] for one in detail["rows"]][0] == "light" and detail["rows"][-1]["bits_per_pixel"] > 0.5
+    assert detail["rows"][0]["stage"] == "light" and detail["rows"][-1]["bits_per_pixel"] > 0.5
     shared = losses(mono, installed_stages(), runs=0).document()
     assert {one["what"] for one in shared["losses"]} == {"contrast", "SNR"}
     for study, what in ((found, "noise"), (detail, "detail"), (shared, "detail")):
