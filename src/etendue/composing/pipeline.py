@@ -169,7 +169,7 @@ class Pipeline(Source):
         return self._with(words={**self.words, "wanted": list(variables)})
 
     def keep(self, *variables: str) -> Pipeline:
-        """What is stored; without it all that is computed is."""
+        """What is stored; without it all that is computed is. ``looks``: pictures and figures, not the bands of light."""
         return self._with(words={**self.words, "keep": list(variables)})
 
     def set(self, **words: Any) -> Pipeline:

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from rich.status import Status
 
 
+MOST_STORED = 6  # variables whose bytes are told one by one
+
+
 def escape(text: str) -> str:
     """Foreign text as it stands: no markup, nothing that a terminal obeys."""
     return without_markup(printable(text))
@@ -134,6 +137,21 @@ def _bound(stages: list[dict[str, Any]]) -> list[str]:
     return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
 
 
+def _stored(document: dict[str, Any]) -> list[str]:
+    """Bytes of what is stored by variable, most first; and what the words under `keep` would store."""
+    sizes: dict[str, int] = {}
+    for stage in document["stages"]:
+        for name, one in stage["variables"].items():
+            if one["kept"]:
+                sizes[name] = sizes.get(name, 0) + one["bytes"]
+    ranked = sorted(sizes, key=lambda name: -sizes[name])
+    said = [f"{name} {human_bytes(sizes[name])}" for name in ranked[:MOST_STORED]]
+    rest = sum(sizes[name] for name in ranked[MOST_STORED:])
+    said += [f"{len(ranked) - MOST_STORED} more {human_bytes(rest)}"] if len(ranked) > MOST_STORED else []
+    words = ", ".join(f'"{word}" {human_bytes(size)}' for word, size in document["keep"].items())
+    return [f"stored    {', '.join(said)}", f"keep      = {words}"]
+
+
 def print_plan(document: dict[str, Any]) -> None:
     """The plan as a table, and what is left out and why."""
     console = _out()
@@ -149,6 +167,8 @@ def print_plan(document: dict[str, Any]) -> None:
             str(stage["left_out"]["cells"]) if stage["left_out"] else "", human_bytes(stage["bytes"]), human_seconds(stage["seconds"]),
         )  # fmt: skip
     console.print(table)
+    for text in _stored(document):
+        console.print(escape(text))
     for axis in document["axes"]:
         console.print(f"axis      {escape(_axis(axis, short[axis['name']]))}")
     for text in _uses(document["stages"]):
