@@ -127,7 +127,8 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     seen = _step(image, sites) > SEEN * _noise(image, sites)
     shape = _shape(what, image, sites) if seen and strip is None else None
     try:
-        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence)
+        written = photograph.written if photograph.lossy else None
+        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, written=written)
     except ValueError as error:
         raise RequestError(f"{what}: no edge can be measured: {_said(reason(error), seen, image)}") from None
     _check_straight(what, found, shape, image, sites)
@@ -142,6 +143,7 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
         "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
         "bend": None if shape is None else shape.bend,
         "mtf50": found.mtf50, "mtf10": found.mtf10, **ends, "rounding": doubt,
+        "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread},
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
@@ -149,10 +151,15 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
 
 
 def _rounding(photograph: Photograph, values: Any, found: EdgeResolution) -> float:
-    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step."""
+    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step.
+
+    Of a JPEG the edges that were written again have it in them.
+    """
+    if photograph.lossy:
+        return 0.0
     low, high = (float(v) for v in np.percentile(values, (5, 95)))
     steps = [photograph.step(low), photograph.step(high)]
-    if photograph.lossy or not found.snr > 0:
+    if not found.snr > 0:
         noise = 0.0
     else:
         noise = math.sqrt(max(0.0, ((high - low) / found.snr) ** 2 - max(steps) ** 2 / 12))  # without that of rounding
