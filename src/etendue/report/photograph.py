@@ -14,6 +14,10 @@ from etendue.report.terminal import _out, _table, escape
 FLAGS = {
     "above_nyquist": "above Nyquist", "not_reached": "MTF50 not reached", "clipped": "clipped", "noisy": "wide interval",
 }  # fmt: skip
+DOUBTS = {
+    "bent": "it is bent", "changes": "its step changes along it", "pattern": "beside it is a pattern",
+    "no_plateau": "it leaves no even fields beside it", "line": "it rises and falls as a line does", "double": "it rises twice",
+}  # fmt: skip
 
 
 def print_photograph(document: dict[str, Any]) -> None:
@@ -51,6 +55,8 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
     for row in rows:
         if row["flags"]:
             console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
+        if row.get("doubts"):
+            console.print(f"{row[where]}: hardly one straight edge between two even fields: {', '.join(DOUBTS[one] for one in row['doubts'])}")
 
 
 def _print_noise(console: Any, patch: dict[str, Any]) -> None:

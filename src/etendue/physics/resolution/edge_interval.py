@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue.physics.resolution.edge_doubts import doubts
 from etendue.physics.resolution.edge_line import FloatArray
 from etendue.physics.resolution.edge_region import find_edge
 from etendue.physics.resolution.edge_rewritten import Rewritten, Written, rewritten
@@ -52,6 +53,7 @@ class EdgeResolution:
     noisy: bool  # the interval is wider than a tenth of MTF50
     response: EdgeResponse
     window: tuple[int, int, int, int]  # top, bottom, left, right of what was measured
+    doubts: tuple[str, ...] = ()  # what speaks against a single straight edge, see `edge_doubts`
     written: tuple[Rewritten, Rewritten] | None = None  # how far a lossy file moves MTF50 and MTF10; within the interval
 
     @property
@@ -174,6 +176,7 @@ def edge_resolution(
         noisy=not high - low <= NOISY * response.mtf50_limited,
         response=response,
         window=(top, bottom, left, right),
+        doubts=doubts(found, response.rise),
         written=again,
     )  # fmt: skip
 
@@ -183,11 +186,12 @@ def _written(
 ) -> tuple[Rewritten, Rewritten]:
     frequency = response.frequency
 
-    def crossings(curve: Curve) -> FloatArray:
-        sfr = curve.response(frequency)[None]
-        return np.concatenate([lowest_crossing(frequency, sfr, share) for share in (0.5, 0.1)])
+    def crossings(curves: Curve) -> FloatArray:
+        sfr = curves.response(frequency)
+        return np.stack([lowest_crossing(frequency, sfr, share) for share in (0.5, 0.1)])
 
-    fifty, ten = rewritten(found, written, tails, crossings, generator)
+    own = np.array([response.mtf50, response.mtf10])
+    fifty, ten = rewritten(found, written, tails, own, crossings, generator)
     return fifty, ten
 
 

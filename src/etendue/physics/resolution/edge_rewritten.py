@@ -30,6 +30,7 @@ class Rewritten:
 
     bias: float
     spread: float  # standard deviation
+    noise: float  # rms in front of the file that was taken, unit of the picture; of the side of the edge that has less
 
     def reach(self, confidence: float) -> float:
         """Half of an interval about a measured frequency."""
@@ -39,9 +40,9 @@ class Rewritten:
 
 
 def rewritten(
-    found: Measured, written: Written, tails: bool, crossings: Callable[[Curve], FloatArray], generator: np.random.Generator
+    found: Measured, written: Written, tails: bool, own: FloatArray, crossings: Callable[[Curve], FloatArray], rng: np.random.Generator
 ) -> list[Rewritten]:
-    """How far each of the frequencies that ``crossings`` finds in a curve (frequency, ...) is moved; inf where it is not reached.
+    """How far each of some frequencies is moved, those that ``crossings`` finds in curves (frequency, curve); inf where one is not reached.
 
     Notes
     -----
@@ -53,28 +54,25 @@ def rewritten(
     clean, fit = found.curve.at(away), found.fit
     sides = (fit.distance < 0, fit.distance >= 0)
 
-    def taken(noise: FloatArray, count: int) -> tuple[list[Curve], FloatArray]:
-        curves, rests = [], []
-        sigma = np.where(away < 0, noise[0], noise[1])
-        for _ in range(count):
-            picture = clean + sigma * generator.standard_normal(clean.shape)
-            picture = written(picture if found.vertical else picture.T, generator)
-            curve, rest = refitted(fit, found.curve, (picture if found.vertical else picture.T).ravel()[fit.pixel], tails)
-            curves.append(curve)
-            rests.append([float(np.mean(rest[side] ** 2)) for side in sides])
-        return curves, np.mean(rests, axis=0)
+    def taken(noise: FloatArray, count: int) -> tuple[Curve, FloatArray]:
+        sigma, values = np.where(away < 0, noise[0], noise[1]), np.empty((count, fit.pixel.size))
+        for own in values:
+            picture = clean + sigma * rng.standard_normal(clean.shape)
+            picture = written(picture if found.vertical else picture.T, rng)
+            own[:] = (picture if found.vertical else picture.T).ravel()[fit.pixel]
+        curves, rest = refitted(fit, found.curve, values, tails)
+        return curves, np.array([np.mean(rest[:, side] ** 2) for side in sides])
 
     left = np.array([float(np.mean(fit.rest[side] ** 2)) for side in sides])
     quiet, loud = taken(np.zeros(2), TRIED)[1], taken(np.sqrt(left), TRIED)[1]
     shows = loud > SEEN * quiet
     share = np.where(shows, (left - quiet) / np.where(shows, loud - quiet, 1.0), 0.0)
-    curves, _ = taken(np.sqrt(np.clip(share, 0.0, MOST**2) * left), TIMES)
-    values = np.array([crossings(curve) for curve in curves])
-    own = crossings(found.curve)
+    sigma = np.sqrt(np.clip(share, 0.0, MOST**2) * left)
+    curves, _ = taken(sigma, TIMES)
     said = []
-    for at, moved in zip(own, values.T, strict=True):
+    for at, moved in zip(own, crossings(curves), strict=True):
         if math.isfinite(at) and np.isfinite(moved).all():
-            said.append(Rewritten(float(moved.mean() / at - 1), float(moved.std(ddof=1) / at)))
+            said.append(Rewritten(float(moved.mean() / at - 1), float(moved.std(ddof=1) / at), float(sigma.min())))
         else:
-            said.append(Rewritten(0.0, math.inf))
+            said.append(Rewritten(0.0, math.inf, float(sigma.min())))
     return said

@@ -257,14 +257,14 @@ def influence(found: Fit, curve: Curve, rows: int, tails: bool) -> Curve:
 
 
 def refitted(found: Fit, curve: Curve, values: FloatArray, tails: bool) -> tuple[Curve, FloatArray]:
-    """The curve of other values at the pixels of a fit, line and passage being those of the first, and what is left of the values."""
-    size = len(found.coefficients)
-    right = sum(np.bincount(found.first + a, found.basis[a] * values, size) for a in range(DEGREE + 1))
-    coefficients = scipy.linalg.cho_solve_banded((found.factor, True), right)
+    """Curves of other values (n, pixels) at the pixels of a fit, line and passage being those of the first, and what is left of them."""
+    size, acting = len(found.coefficients), found.first + np.arange(DEGREE + 1)[:, None]
+    right = np.stack([np.bincount(acting.ravel(), (found.basis * own).ravel(), size) for own in values], axis=1)
+    coefficients = np.asarray(scipy.linalg.cho_solve_banded((found.factor, True), right), np.float64).T
     outer, design = _far(found, curve.width, tails)
-    model = np.linalg.solve(design.T @ design, design.T @ values[outer])
-    spline = sum(coefficients[found.first + a] * found.basis[a] for a in range(DEGREE + 1))
-    return joined(np.asarray(coefficients, np.float64), found.knot, model, curve.width), np.asarray(values - spline, np.float64)
+    model = values[:, outer] @ design @ np.linalg.inv(design.T @ design)
+    rest = np.stack([value - (own[acting] * found.basis).sum(0) for value, own in zip(values, coefficients, strict=True)])
+    return joined(coefficients, found.knot, model, curve.width), rest
 
 
 def redrawn(curve: Curve, rows: Curve, weights: FloatArray) -> Curve:

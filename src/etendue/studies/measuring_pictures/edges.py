@@ -24,6 +24,7 @@ ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
 STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
+ALONE = 0.02  # of the step, rms about the edge up to which nothing else stands in a region
 CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, where something else stands in the region
 TILTED = 1.7  # errors of MTF50, of what both levels are wrong by: the largest of edges of 4 contrasts and 3 widths, 8 bits, no noise
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
@@ -69,10 +70,10 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
             refusals.append("the edge is not straight, or not alone: its response does not fall to a half")
             continue
         measured.append(one)
-        if not one["flags"]:
+        if not one["flags"] and not one["doubts"]:
             return one
     if measured:
-        return min(measured, key=lambda one: len(one["flags"]))
+        return min(measured, key=lambda one: (len(one["doubts"]), len(one["flags"])))
     raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
 
 
@@ -85,7 +86,7 @@ def _measured_in(photograph: Photograph, region: Window, channel: str, confidenc
     except RequestError as error:
         refusal = error
     image, sites = photograph.linear(channel, region.cut)
-    if whole and 1 <= CLEARER * whole["snr"] * _noise(image, sites) / _step(image, sites):
+    if whole and 1 <= whole["snr"] * max(CLEARER * _noise(image, sites) / _step(image, sites), ALONE):
         return whole
     if refusal and min(region.width, region.height) < SMALLEST:
         raise refusal
@@ -145,21 +146,19 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
         "mtf50": found.mtf50, "mtf10": found.mtf10, **ends, "rounding": doubt,
         "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread},
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
+        "doubts": list(found.doubts),
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
     }  # fmt: skip
 
 
 def _rounding(photograph: Photograph, values: Any, found: EdgeResolution) -> float:
-    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step.
-
-    Of a JPEG the edges that were written again have it in them.
-    """
-    if photograph.lossy:
-        return 0.0
+    """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step."""
     low, high = (float(v) for v in np.percentile(values, (5, 95)))
     steps = [photograph.step(low), photograph.step(high)]
-    if not found.snr > 0:
+    if found.written is not None:
+        noise = found.written[0].noise  # what is left beside the edge is mostly that of the file, and spreads nothing
+    elif not found.snr > 0:
         noise = 0.0
     else:
         noise = math.sqrt(max(0.0, ((high - low) / found.snr) ** 2 - max(steps) ** 2 / 12))  # without that of rounding

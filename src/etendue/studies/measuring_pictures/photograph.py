@@ -119,10 +119,17 @@ class Photograph:
         return self.table is not None
 
     def written(self, linear: Any, rng: np.random.Generator) -> Any:
-        """A plane in linear light as a file like this one gives it back, at some place of its blocks and between its numbers."""
-        encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0)) + rng.uniform(-0.5, 0.5)
+        """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels between its numbers."""
+        encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0))
+        dark, bright = np.percentile(encoded[::2, ::2], (5, 95))
+        encoded += np.interp(encoded, (dark, max(bright, dark + 1)), rng.uniform(-0.5, 0.5, 2))
         down, right = (int(one) for one in rng.integers(0, BLOCK, 2))
-        return self._decoded(coded(encoded, self.table, (down, right)))
+        return self._light[coded(encoded, self.table, (down, right)).astype(np.intp)]
+
+    @cached_property
+    def _light(self) -> Any:
+        """Of each number of 8 bits."""
+        return self._decoded(np.arange(256))
 
     def planes(self, cut: Any = np.s_[:]) -> Any:
         """All channels in linear light, (channel, y, x)."""
