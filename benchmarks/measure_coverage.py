@@ -65,7 +65,7 @@ def cell(folder: Path, file: str, sigma: float, noise: float, draws: int) -> tup
         held += one["mtf50_low"] <= truth <= one["mtf50_high"]
         errors.append(one["mtf50"] / truth - 1 if math.isfinite(one["mtf50"]) else math.nan)
         wide.append((one["mtf50_high"] - one["mtf50_low"]) / 2 / truth)
-        doubtful += bool(one.get("not_covered"))
+        doubtful += bool(one["not_covered"])
     count = max(len(errors), 1)
     share = held / count
     error = 1.96 * math.sqrt(0.95 * 0.05 / count) + 0.02  # what so many draws leave open about 93 to 97 %

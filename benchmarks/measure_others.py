@@ -156,7 +156,8 @@ EDGES: dict[str, Picture] = {
 } | {
     "bent by 1 pixel": edge(6, 1, 0.004, bend=1.0), "bent by 2 pixels": edge(6, 1, 0.004, bend=2.0),
     "sharpened": edge(7, 0.8, 0.004, halo=0.5), "sharpened much": edge(7, 0.8, 0.004, halo=1.0),
-    "light that falls off": edge(5, 1, 0.004, shade=0.15), "faint": edge(5, 1, 0.004, step=0.12), "coarse grain": edge(5, 1, 0.03, coarse=1),
+    "light that falls off": edge(5, 1, 0.004, shade=0.15), "faint": edge(5, 1, 0.004, step=0.12),
+    "coarse grain": edge(5, 1, 0.03, coarse=1),
 }  # fmt: skip
 OTHERS: dict[str, Picture] = {
     "text": text("etendue\nll1 AWI", 26, 0.6, 4), "text, large": text("I/l", 70, 0.8, -6), "pen stroke": stroke(5, 1.0, 7),
@@ -174,7 +175,7 @@ def answer(path: Path, region: bool) -> str:
         one = measure(path, Asked(edges=(f"0,0,{SIDE},{SIDE}",) if region else ()))["edges"][0]
     except RequestError as error:
         return "refused: " + str(error).partition(": ")[2][:90]
-    return ", ".join(one.get("doubts",()))
+    return ", ".join(one["doubts"])
 
 
 def main() -> int:

@@ -7,6 +7,7 @@ Out: names of what speaks against it.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -113,4 +114,4 @@ def _noise(found: Measured) -> float:
 def _peaks(slope: FloatArray, least: float) -> tuple[list[float], list[float]]:
     """Maxima of at least so much, and the lowest value between each and the next."""
     at = [i for i in range(1, len(slope) - 1) if slope[i] >= least and slope[i] >= slope[i - 1] and slope[i] > slope[i + 1]]
-    return [float(slope[i]) for i in at], [float(slope[a:b].min()) for a, b in zip(at[:-1], at[1:], strict=True)]
+    return [float(slope[i]) for i in at], [float(slope[a:b].min()) for a, b in pairwise(at)]

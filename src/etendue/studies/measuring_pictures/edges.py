@@ -17,7 +17,7 @@ from etendue.physics.resolution.edge_interval import CLIPPED, EdgeResolution, ed
 from etendue.physics.resolution.edge_shape import EdgeShape, edge_shape
 from etendue.physics.resolution.slanted_edge import SMALLEST
 from etendue.studies.measuring_pictures.finding import reason, slanted, strips_of
-from etendue.studies.measuring_pictures.photograph import Photograph
+from etendue.studies.measuring_pictures.photograph import PLANES, Photograph
 from etendue.studies.measuring_pictures.regions import FOUND, Window, window
 
 ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
@@ -29,6 +29,8 @@ CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, w
 TILTED = 1.7  # errors of MTF50, of what both levels are wrong by: the largest of edges of 4 contrasts and 3 widths, 8 bits, no noise
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 HIDDEN = "its step is lost in noise"
+TRIED = 0.08, 0.6  # cycles/pixel, of MTF50: Gaussian blurs of 2 to 0.35 pixels
+TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, that of quality 75 being 29
 KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
     "shorter than 24 pixels": (("shorter than",), "take the chart larger in the picture"),
     "along rows or columns": (("along the raster", "not slanted", "nothing in it stands at a slant"), "turn the chart by some 5 degrees"),
@@ -137,19 +139,33 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     top, bottom, left, right = found.window
     inner = Window(place.x + left, place.y + top, right - left, bottom - top)
     response = found.response
+    middle, turn = 0.5 * ((bottom - top if found.vertical else right - left) - 1), math.tan(math.radians(found.angle))
+    ends_of_line = [[response.place + turn * part, middle + part] for part in (-middle, middle)]
+    line = [[inner.x + (u if found.vertical else v), inner.y + (v if found.vertical else u)] for u, v in ends_of_line]
     doubt = _rounding(photograph, image if sites is None else image[sites], found)
     ends = {f"{name}{end}": _wider(getattr(found, name), getattr(found, f"{name}{end}"), doubt)
             for name in ("mtf50", "mtf10") for end in ("_low", "_high")}  # fmt: skip
     return {
         "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
-        "bend": None if shape is None else shape.bend,
+        "bend": None if shape is None else shape.bend, "line": line,
         "mtf50": found.mtf50, "mtf10": found.mtf10, **ends, "rounding": doubt,
         "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread},
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
-        "doubts": list(found.doubts),
+        "doubts": list(found.doubts), "not_covered": _untried(photograph, channel, found, _step(image, sites)),
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
     }  # fmt: skip
+
+
+def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: float) -> list[str]:
+    """What of a picture lies outside of what intervals have been tried on (``benchmarks/measure_coverage.py``)."""
+    noise = step / found.snr if found.snr > 0 else math.inf
+    seen = {
+        "sharp": found.mtf50 > TRIED[1] or found.not_reached, "blurred": found.mtf50 < TRIED[0], "noise": noise > TRIED_NOISE,
+        "coarse": photograph.lossy and float(np.mean(photograph.table)) > TRIED_STEPS,
+        "colour": photograph.lossy and channel in PLANES,
+    }  # fmt: skip
+    return [name for name, outside in seen.items() if outside]
 
 
 def _rounding(photograph: Photograph, values: Any, found: EdgeResolution) -> float:
