@@ -78,7 +78,7 @@ def _print_noise(console: Any, patch: dict[str, Any]) -> None:
             cells = [_text(scale * own["mean"]["value"]), _text(scale * own["sigma"]["value"], 4), _range(own["sigma"], scale)]
             table.add_row(row["channel"], *cells, _text(own["snr"]["value"], 4), _range(own["snr"]))
         console.print(table)
-    if patch["hidden"]:
+    if patch["hidden"] and not patch["not_covered"]:
         console.print(f"{patch['region']}: below the steps of the file, which hide how much it is: {', '.join(patch['hidden'])}")
     if patch["not_covered"]:
         console.print(f"{patch['region']}: not covered: noise that JPEG has taken off is not known")

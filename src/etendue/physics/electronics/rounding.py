@@ -62,7 +62,7 @@ def in_front(low: float, high: float) -> tuple[float, float]:
         top = float(np.interp(high, least, sigma))
     if low >= most[-1]:
         return math.sqrt(low - SHEPPARD), top
-    return float(sigma[int(np.argmax(most >= low))]), top
+    return (0.0 if most[0] >= low else float(sigma[int(np.argmax(most >= low))])), top
 
 
 @cache

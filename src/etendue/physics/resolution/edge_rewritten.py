@@ -36,7 +36,7 @@ class Rewritten:
         """Half of an interval about a measured frequency."""
         freedom = TIMES - 1
         spread = float(scipy.special.stdtrit(freedom, 0.5 + 0.5 * confidence)) * self.spread * math.sqrt(1 + 1 / TIMES)
-        return math.hypot(spread, self.bias)
+        return spread + abs(self.bias)
 
 
 def rewritten(

@@ -16,6 +16,7 @@ from etendue.plots.plot import Plot, new_figure
 from etendue.studies.measuring_pictures.photograph import ENCODED, Photograph, open_photograph
 
 WIDEST, INCHES = 1600, 9.0  # pixels of the picture that are drawn along its longer side
+LOW = 0.08  # of the picture's height: words have no room above
 GREY = (0.2126, 0.7152, 0.0722)
 DARK = {"facecolor": "black", "alpha": 0.6, "edgecolor": "none", "pad": 1.5}
 
@@ -26,7 +27,7 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
     photograph = open_photograph(path, encoding, GREY)
     rows, columns = photograph.rows, photograph.columns
     wide, high = (INCHES * size / max(rows, columns) for size in (columns, rows))
-    figure = new_figure(max(wide, 3.0), max(high, 3.0))
+    figure = new_figure(max(wide, 3.0), max(high, 3.0), layout=None)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.imshow(_shown(photograph), extent=(-0.5, columns - 0.5, rows - 0.5, -0.5), interpolation="nearest", cmap="gray", vmin=0, vmax=1)
     axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
@@ -39,9 +40,10 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
         place = [float(part) for part in where.split(",")]
         words = _noise(one) if kind == "noise" else _response(one)
         x, y = _outlined(axes, kind, one, place, colour)
-        below = y < 0.08 * rows
-        axes.text(
-            min(max(x, 0.0), 0.75 * columns), y, words, color="white", fontsize=7, va="top" if below else "bottom", bbox=DARK, clip_on=True
+        low, right = y < LOW * rows, x > 0.5 * columns  # words stand over a region; where there is no room, at its lower end, inward
+        axes.annotate(
+            words, (x, y), xytext=(-4 if right else 4, -4 if low else 4), textcoords="offset points", color="white", fontsize=7,
+            va="top" if low else "bottom", ha="right" if right else "left", bbox=DARK,
         )  # fmt: skip
         numbers.append([kind, where, words])
     if document["chart"]:
@@ -55,24 +57,34 @@ def drawn(path: Path, document: dict[str, Any]) -> Plot:
 
 def _outlined(axes: Any, kind: str, one: dict[str, Any], place: list[float], colour: str) -> tuple[float, float]:
     """Where the words go."""
-    from matplotlib.patches import Circle, Rectangle
+    from matplotlib.patches import Circle, Polygon, Rectangle
 
     dashed = "--" if one.get("doubts") or one.get("not_covered") or one.get("hidden") else "-"
     if kind == "star":
         x, y, radius = place
         axes.add_patch(Circle((x, y), radius, fill=False, color=colour, lw=1.5, ls=dashed))
-        return x - radius, y - radius
+        return _words(axes, x - radius, y - radius, 2 * radius, 2 * radius)
     x, y, width, height = place
-    axes.add_patch(Rectangle((x - 0.5, y - 0.5), width, height, fill=False, color=colour, lw=1.5, ls=dashed))
+    frame = axes.add_patch(Rectangle((x - 0.5, y - 0.5), width, height, fill=False, color=colour, lw=1.5, ls=dashed))
     if kind == "edge":
-        axes.plot(*np.transpose(one["line"]), color=colour, lw=1.0, ls=":")
-    below = y < 0.08 * axes.get_ylim()[0]
-    return x, y + (height if below else 0)
+        (x0, y0), (x1, y1) = one["line"]
+        length = math.hypot(x1 - x0, y1 - y0) or 1.0
+        u, v = (one["half_width"] * part / length for part in (y0 - y1, x1 - x0))
+        axes.plot([x0, x1], [y0, y1], color=colour, lw=1.0, ls=":")
+        band = [(x0 + u, y0 + v), (x1 + u, y1 + v), (x1 - u, y1 - v), (x0 - u, y0 - v)]
+        axes.add_patch(Polygon(band, fill=True, color=colour, alpha=0.25, lw=0)).set_clip_path(frame)
+    return _words(axes, x, y, width, height)
+
+
+def _words(axes: Any, x: float, y: float, width: float, height: float) -> tuple[float, float]:
+    """The corner of a region at which its words begin."""
+    columns, rows = axes.get_xlim()[1], axes.get_ylim()[0]
+    return (x + width if x + width / 2 > 0.5 * columns else x), (y + height if y < LOW * rows and y + height < (1 - LOW) * rows else y)
 
 
 def _response(one: dict[str, Any]) -> str:
     between = f" ({one['mtf50_low']:.3f} to {one['mtf50_high']:.3f})"
-    found = "MTF50 not reached" if math.isnan(one["mtf50"]) else f"MTF50 {one['mtf50']:.3f}{between} cycles/pixel"
+    found = "MTF50 not reached" if math.isnan(one["mtf50"]) else f"MTF50 {one['mtf50']:.3f}{between}\ncycles/pixel"
     return found + (", doubtful" if one.get("doubts") else "") + (", not covered" if one.get("not_covered") else "")
 
 

@@ -147,7 +147,7 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
             for name in ("mtf50", "mtf10") for end in ("_low", "_high")}  # fmt: skip
     return {
         "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
-        "bend": None if shape is None else shape.bend, "line": line,
+        "bend": None if shape is None else shape.bend, "line": line, "half_width": response.half_width,
         "mtf50": found.mtf50, "mtf10": found.mtf10, **ends, "rounding": doubt,
         "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread},
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,

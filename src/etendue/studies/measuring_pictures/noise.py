@@ -46,7 +46,8 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
     for name in (*photograph.names, *luminance):
         plane, sites = photograph.linear(name, place.cut)
         try:
-            found = patch_noise(plane, sites, confidence, step=_step(photograph, name, place.cut))
+            step = _step(photograph, name, place.cut)
+            found = patch_noise(plane, sites, confidence, step=step)
             own = None
             if name != "luminance":
                 unit = "DN"
@@ -54,7 +55,7 @@ def measured_noise(photograph: Photograph, text: str, confidence: float) -> dict
                 own = patch_noise(photograph.values[place.cut][..., number], sites, confidence, unit, step=whole)
         except ValueError as error:
             raise RequestError(f"{what}: {error}") from None
-        _check_even(what, name, found)
+        _check_even(what, name, found, step)
         hidden += [name] if found.hidden else []
         least = min(least, own.sigma.value if own is not None else math.inf)
         rows.append({"channel": name, "linear": _said(found), "encoded": _said(own) if own is not None else None})
@@ -72,11 +73,12 @@ def _step(photograph: Photograph, name: str, cut: Any) -> float:
     return sum(steps) if same else math.hypot(*steps)
 
 
-def _check_even(what: str, name: str, found: PatchNoise) -> None:
+def _check_even(what: str, name: str, found: PatchNoise, step: float) -> None:
     if found.slope > SLOPE:
         raise RequestError(f"{what}: the patch is not even: {name} changes by {100 * found.slope:.0f} % of its mean over it")
-    blocks = found.uneven * abs(found.mean.value)
-    if found.uneven > TIMES * found.uneven_white and (found.uneven > UNEVEN or blocks > MOST * (found.sigma.high if found.hidden else found.sigma.value)):
+    blocks, noise = found.uneven * abs(found.mean.value), found.sigma.high if found.hidden else found.sigma.value
+    seen = found.uneven > UNEVEN or blocks > max(MOST * noise, step)  # what is less than a number of the file is its rounding
+    if found.uneven > TIMES * found.uneven_white and seen:
         raise RequestError(
             f"{what}: the patch is not even: parts of it differ by {100 * found.uneven:.1f} % rms in {name}, beside its noise"
         )
