@@ -13,9 +13,8 @@ from __future__ import annotations
 import heapq
 import itertools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from etendue.physics.light.sampling import padded_size
 from etendue.plan import cost
@@ -28,12 +27,14 @@ from etendue.run.job import Job
 from etendue.run.jobs import make_jobs
 from etendue.run.order import depth_first
 from etendue.run.tables import LARGEST_CACHE, LARGEST_PATTERN
-from etendue.spec.capabilities import Summed, halo_of
+from etendue.spec.capabilities import halo_of, is_source
 from etendue.spec.stage import arguments_of
 
+WITHOUT_BANDS = 5.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
 AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
 LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
-PICTURE = 4 << 20  # bytes of a picture of what is looked at, at most
+SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
+SHOWN = 256  # samples on a side up to which a picture is kept whole
 Piece = tuple[CellRef, str]  # a variable of a cell, or its spectrum
 
 
@@ -123,6 +124,8 @@ class _Run:
         self.size = 4 if plan.precision == "float32" else 8
         self.pieces: dict[CellRef, dict[Piece, float]] = {}  # what the result of a cell holds
         self.tables, self.pictures = 0.0, 0.0
+        frames = [g["y"].size * g["x"].size for ref in show if ref in jobs for g in jobs[ref].grids.values() if "y" in g and "x" in g]
+        self.shown = min(1.0, SHOWN_WHOLE / min(frames, default=1))
 
     # -- all batches --------------------------------------------------------------------------------------------------
 
@@ -193,7 +196,7 @@ class _Run:
                 best = max(best, _Batch(before + need, job.ref, need + self.read([job])), key=lambda one: one.most)
             live.add(job.ref)
             if job.ref in self.show:
-                self.pictures += sum(min(PICTURE, self.bytes(job, v)) for v, d in job.writes.items() if has_rows(d.dims))
+                self.pictures += sum(self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims))
             for ref in job.needs:
                 readers[ref] -= 1
                 if not readers[ref] and ref not in exports:
@@ -222,6 +225,11 @@ class _Run:
 
     def bytes(self, job: Job, variable: str) -> float:
         return cost.bytes_of(job.writes[variable], job.grids[variable], self.plan.precision)
+
+    def picture(self, job: Job, variable: str) -> float:
+        """What stays of a variable that is shown: a small picture of three planes, and some of its rows."""
+        size = job.grids[variable]["y"].size, job.grids[variable]["x"].size
+        return 12.0 * (min(size[0] * size[1], SHOWN * SHOWN) + (self.shown * size[0] * size[1] if max(size) > SHOWN else 0))
 
     def cell(self, job: Job) -> float:
         """Bytes that come to what is held while a cell is computed and stored; what its result holds is noted."""
@@ -258,12 +266,18 @@ class _Run:
         if job.mapped:
             for _, coordinate in job.mapped.dims:
                 mapped *= coordinate.size
-        return job.stage.working * max(read, written) / mapped
+        return self.factor(job) * max(read, written) / mapped
+
+    def factor(self, job: Job) -> float:
+        """How many times what it reads or writes a stage works with: scenes are made in float64, and brought to the precision of the run."""
+        return job.stage.working + (2.0 if is_source(type(job.stage)) and self.size == 4 else 0.0)
 
     def whole_of_bands(self, job: Job) -> float:
         """Light by band that a stage asks for as a whole."""
         large = [self.size * g.count for port, ref, v in job.inputs if (g := job.input_grids.get(port)) and self._by_band(ref, v)]
-        return float(sum(large))
+        seen = [(ref, what) for _, what, pairs in job.looking.ports for _, ref in pairs] if job.looking else []
+        looked = [self.bytes(self.jobs[ref], what) for ref, what in seen if self._by_band(ref, what)]
+        return float(sum(large) + 2 * max(looked, default=0.0))
 
     def _by_band(self, ref: CellRef, variable: str) -> bool:
         return ref in self.jobs and variable in self.jobs[ref].by_band
@@ -287,7 +301,7 @@ class _Run:
 
     def bands_made(self, job: Job) -> float:
         """How many bands are held while one of a cell is made: those of the stages that it starts from too."""
-        found = 1.0 + job.stage.working
+        found = 1.0 + max(self.factor(job), WITHOUT_BANDS * 8 / self.size)
         for _, ref, variable in job.inputs:
             if self._by_band(ref, variable) and not self.jobs[ref].store:
                 found = max(found, 1.0 + self.bands_made(self.jobs[ref]))

@@ -1,62 +1,56 @@
-"""What segments of transfer functions hold while they are computed: spectra, tables, padded planes."""
+"""What cells of transfer functions hold while they are computed: spectra, tables, planes with their border.
+
+In:  a ``Job`` of a segment, and the run that it is of.
+Out: bytes of its result by piece, and bytes that come to them for a while.
+"""
+
 from __future__ import annotations
+
 from typing import Any
 
-from etendue.plan.strips import by_band
 from etendue.run.job import Job
 from etendue.spec.capabilities import Summed
+from etendue.spec.grid import Grid
 
 AHEAD = 2  # bands: one is used while the next one is made
+ON_CELLS = 0.27  # of a band with its border: the table of a transfer function on cells, which is even along y
 
 
 def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
-    """What the result of a transfer stage holds, and what comes to it while it is computed."""
-    segment = job.segment
+    """What the result of a transfer stage holds, its spectrum under '', and what it works with."""
+    segment, wanted = job.segment, bool(job.store or job.deliver)
     assert segment is not None
-    wanted = bool(job.store or job.deliver)
     if not (job.spectrum or wanted):
         return {}, 0.0
     (name,) = job.writes
-    port = job.inputs[0][0]
-    grid = job.input_grids[port]
-    bands, padded, plane = grid.bands().size, run.padded(job), run.plane(job)
+    grid = job.input_grids[job.inputs[0][0]]
     own = {(job.ref, name): run.bytes(job, name)} if wanted and name not in job.by_band else {}
-    summed = isinstance(job.stage, Summed)
     if grid.line("y").cells or segment.joined is not None:
-        return own, _direct(run, job, grid, bands, padded, plane, summed)
-    spectrum = bands * padded
-    working = 0.0
-    if segment.previous is None:
-        working = 2 * spectrum  # padded planes, and what becomes of them
-    if summed:
-        out = next(iter(job.grids.values()))
-        channels = out.count / (out["y"].size * out["x"].size)
-        return own, max(working, spectrum + 4 * channels * padded)
+        return own, _by_band(run, job, grid)
+    spectrum = grid.bands().size * run.padded(job)
+    begun = spectrum if segment.previous is None else 0.0  # planes with their border
+    if isinstance(job.stage, Summed):
+        return own, max(begun, 2 * _channels(job) * run.padded(job))
     if job.left_out:
-        return own | ({(job.ref, ""): spectrum} if job.spectrum else {}), working
+        return own | ({(job.ref, ""): spectrum} if job.spectrum else {}), begun
     run.tables += 0.5 * spectrum
     if job.spectrum:
         own[job.ref, ""] = spectrum
-    else:
-        working += spectrum
-    if wanted:
-        working = max(working, 2 * spectrum)
-    return own, working
+    return own, (spectrum if wanted else begun) + (0.0 if job.spectrum else spectrum)
 
 
-def _direct(run: Any, job: Job, grid: Any, bands: int, padded: float, plane: float, summed: bool) -> float:
+def _by_band(run: Any, job: Job, grid: Grid) -> float:
+    """The same of a cell that goes through the bands of the segment's input one by one."""
     _, ref, variable = job.inputs[0]
-    source = run.jobs.get(ref)
-    making = run.bands_made(source) if source is not None and run._by_band(ref, variable) and not source.store else 1.0
-    if not summed:
-        if grid.line("y").cells:
-            run.tables += 0.0
-        return (making * plane + 4 * padded) if job.store or name_whole(job) else 0.0
-    channels = 3
+    made = variable in run.jobs[ref].by_band and not run.jobs[ref].store
+    planes, padded = run.bands_made(run.jobs[ref]) if made else 1.0, run.padded(job)
+    if not isinstance(job.stage, Summed):
+        return float(planes * run.plane(job) + 4 * padded) if job.store or not job.by_band else 0.0
     if grid.line("y").cells:
-        run.tables += bands * 0.5 * padded
-    return AHEAD * making * plane + (4 + channels) * padded
+        run.tables += ON_CELLS * grid.bands().size * padded
+    return float(AHEAD * planes * run.plane(job) + (4 + 2 * _channels(job)) * padded)
 
 
-def name_whole(job: Job) -> bool:
-    return not job.by_band
+def _channels(job: Job) -> float:
+    out = next(iter(job.grids.values()))
+    return out.count / (out["y"].size * out["x"].size)
