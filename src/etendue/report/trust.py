@@ -47,7 +47,19 @@ def print_reproduction(document: dict[str, Any]) -> None:
                 escape(f"{cell['found']}: {cell['cell']} {cell['variable']}: {cell['why'] or 'rms ' + _figure(cell['relative'])}"),
                 soft_wrap=True,
             )
+    for one in document["differences"][:MOST]:
+        where = f" {one['where']}" if one["where"] else ""
+        says = one["says"] or "nothing, or it is not there"
+        console.print(escape(f"another: {one['file']}{where}: it says {says}; it comes out as {one['is'] or 'nothing'}"), soft_wrap=True)
+    if len(document["differences"]) > MOST:
+        console.print(f"... {len(document['differences']) - MOST} more; --json has all")
+    for damage in document["damages"][:MOST]:
+        console.print(escape(_damage(damage)), soft_wrap=True)
     console.print(f"{document['compared']} variables of cells compared in {human_seconds(document['seconds'])}")
+    if not document["differences"]:
+        console.print("coordinates, units, dims, types, status, tables, records: as they come out again")
+    for one in document["not_checked"]:
+        console.print(escape(f"not checked: {one['what']} ({one['why']})"), soft_wrap=True)
     if any(stage["relative"] for stage in document["stages"]):
         console.print("rms and stated are relative to full scale")
 
