@@ -6,7 +6,7 @@ Out: a ``Compared`` for every variable of every cell, in the reports of the run;
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,15 +70,18 @@ class Comparing:
 
 
 class ComparingKeeper:
-    """Use as a context manager. ``reports``: what became of each cell; ``sheet``: pictures of the cells ``shown``, one of each stage."""
+    """Use as a context manager. ``reports``: what became of each cell; ``sheet``: pictures of the cells ``shown``, one
+    of each stage, of the variables ``drawn``."""
 
     folder: Path | None = None
     keeps_arrays, draws = False, True
     mark: tuple[str, bytes] | None = None
 
-    def __init__(self, stored: Stored, names: Iterable[str], shown: Mapping[str, CellRef] | None = None) -> None:
+    def __init__(
+        self, stored: Stored, names: Iterable[str], shown: Mapping[str, CellRef] | None = None, drawn: Collection[tuple[str, str]] = ()
+    ) -> None:  # fmt: skip
         self.stored_cells, self.asked = stored, set(names)
-        self.draws, self.shown = bool(shown), shown or {}
+        self.draws, self.shown, self.drawn = bool(shown and drawn), shown or {}, frozenset(drawn)
         self.sheet: Sheet | None = None
         self.reports: dict[str, CellReport] = {}
         self.damaged: dict[str, str] = {}
@@ -110,7 +113,7 @@ class ComparingKeeper:
 
     def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
-        return arrays
+        return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
         return ()

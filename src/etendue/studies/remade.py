@@ -14,6 +14,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -153,9 +154,12 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
     """
     if data is None and 0 not in shape:
         raise ArchiveError("its chunk is missing")
-    if dtype == "string":
-        return np.array(texts_of(data) if data else [], dtype=object).reshape(shape)
-    return decode(data, dtype, shape) if data else np.empty(shape, dtype)
+    if dtype != "string":
+        return decode(data, dtype, shape) if data else np.empty(shape, dtype)
+    texts = texts_of(data) if data else []
+    if len(texts) != prod(shape):
+        raise ArchiveError(f"it has {len(texts)} texts, not {prod(shape)}")
+    return np.array([*texts, None], dtype=object)[:-1].reshape(shape)
 
 
 # -- records --------------------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ from etendue.session import Options, execute
 from etendue.spec.ports import CellReport, Progress, Sheet
 from etendue.studies import checked
 from etendue.studies.checked import Difference, NotChecked
-from etendue.studies.remade import Again
+from etendue.studies.remade import Again, column
 
 WORST = 20  # cells that are named
 
@@ -133,7 +133,7 @@ def reproduce(
     sheet: Sheet | None = None
     if into is None:
         shown = _shown(stored, plan, keys) if not platform else {}
-        keeper = ComparingKeeper(stored, asked, shown)
+        keeper = ComparingKeeper(stored, asked, shown, _drawn(stored))
         found.seconds = execute(plan, None, options, told, keeper).seconds
         reports, damaged, sheet = keeper.reports, keeper.damaged, _told(keeper.sheet, plan, keys, shown)
     else:
@@ -205,6 +205,14 @@ def _shown(stored: Stored, plan: Plan, keys: Mapping[CellRef, str]) -> dict[str,
     by_key = {(ref[0], key): ref for ref, key in keys.items()}
     found = {node.name: by_key.get((node.name, key)) for node, key in zip(plan.nodes, held, strict=False) if isinstance(key, str)}
     return {} if None in found.values() else {name: ref for name, ref in found.items() if ref is not None}
+
+
+def _drawn(stored: Stored) -> list[tuple[str, str]]:
+    """The stages and variables of which an archive has a picture: of what a run neither computed nor found stored there is none."""
+    stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
+    if stages is None or variables is None or stages.shape != variables.shape:
+        return []
+    return [(str(stage).split(".")[0], str(name)) for stage, name in zip(stages.ravel(), variables.ravel(), strict=True)]
 
 
 def _told(sheet: Sheet | None, plan: Plan, keys: Mapping[CellRef, str], shown: Mapping[str, CellRef]) -> Sheet | None:
