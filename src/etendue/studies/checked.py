@@ -142,7 +142,8 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Differen
     yield from (Difference("journal.jsonl", name, place, "another place") for name, place in out)
     files = {path.removeprefix(f"{DATA}/") for path in disk.Listing(stored.folder).below(DATA)}
     ours = {path.split("/")[0] for path in own if "/" in path}
-    said = {path for path in files if path == "zarr.json" or (path.split("/")[0] in ours | set(TABLES) and _is_metadata(path))}
+    alone = {f"{group}/{name}/c" for group, names in stored.journal.blocks.items() for name in names}  # chunks of cells without axes
+    said = {path for path in files if path == "zarr.json" or (path.split("/")[0] in ours | set(TABLES) and _is_metadata(path))} - alone
     pictured = any(path.startswith("frames/") for path in own)
     for path in sorted(own.keys() | said):
         if (path.split("/")[0] == "frames" and not pictured) or (not ended and _of_the_end(path)) or path.startswith(f"{LEDGER}/"):
@@ -263,6 +264,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
     """Every record against the pipeline in it, its copy in the journal, the file beside it, and the runs in front of it."""
     folder, known = stored.folder, dict[str, set[str]]()
     readable = {run.path.name: run for run in every_record(folder)}
+    newest = list(readable.values())
     for path in record_paths(folder):
         file, run = f"runs/{path.name}", readable.get(path.name)
         if run is None:
@@ -274,7 +276,7 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
         beside = disk.content_of(path.with_suffix(".toml"))
         if beside != run.text.encode():
             yield Difference(f"runs/{path.stem}.toml", "", "" if beside is None else "another pipeline", f"'resolved' of {file}")
-        yield from _of_record(file, run, known, elsewhere, most_cells)
+        yield from _of_record(file, run, newest[newest.index(run) + 1 :], known, elsewhere, most_cells)
     for name in sorted(stored.journal.records.keys() - {f"runs/{path.name}" for path in record_paths(folder)}):
         yield Difference(name, "", "", "it is there: the journal has it")
     for dim, values in _values(stored) if stored.manifest is not None else ():
@@ -289,9 +291,11 @@ def _values(stored: Stored) -> Iterator[tuple[str, set[str]]]:
             yield dim, set(map(str, values))
 
 
-def _of_record(file: str, run: Recorded, known: dict[str, set[str]], elsewhere: bool, most_cells: int | None) -> Iterator[Difference]:
+def _of_record(
+    file: str, run: Recorded, earlier: list[Recorded], known: dict[str, set[str]], elsewhere: bool, most_cells: int | None
+) -> Iterator[Difference]:
     try:
-        made, asked = record_again(run, most_cells)
+        made, asked = record_again(run, earlier, most_cells)
     except (ArchiveError, RequestError) as error:
         yield Difference(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
         return

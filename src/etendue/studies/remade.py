@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from math import prod
@@ -37,6 +37,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
+from etendue.plan.sensors import SENSOR
 from etendue.registry import installed_stages
 from etendue.report import tables
 from etendue.spec.overrides import apply_overrides
@@ -165,8 +166,12 @@ def array_of(data: bytes | None, dtype: str, shape: tuple[int, ...]) -> Any:
 # -- records --------------------------------------------------------------------------------------------------------------
 
 
-def record_again(run: Recorded, most_cells: int | None = None) -> tuple[dict[str, Any], dict[str, set[Any]]]:
+def record_again(
+    run: Recorded, earlier: Sequence[Recorded] = (), most_cells: int | None = None
+) -> tuple[dict[str, Any], dict[str, set[Any]]]:  # fmt: skip
     """The record of a run made anew from its resolved pipeline and its axis values; by axis the values that it asked for itself.
+
+    ``earlier`` runs, the newest first, say what the names on an axis stand for.
 
     Raises
     ------
@@ -176,16 +181,20 @@ def record_again(run: Recorded, most_cells: int | None = None) -> tuple[dict[str
     asked = make_plan(run.pipeline(most_cells), installed_stages())
     resolved, record = resolve_pipeline(asked), run.record
     over = {a.dim: _numbers(record["axes"].get(a.key, ()), a.values) for a in asked.axes}
-    sweeps = [sweep_of(record, run.path.parent.parent)] if any(is_of_names(a.key) for a in asked.axes) else []
+    named = any(is_of_names(a.key) for a in asked.axes)
+    sweeps = [sweep_of(one.record, run.path.parent.parent) for one in (run, *earlier)] if named else []
     plan = with_stored_values(asked, {"": over}, sweeps)
     told = {**(record.get("options") or {}), "tolerance": plan.pipeline.tolerance}
     made = record_of(plan, asked, replace(resolved, text=run.text), told)
     text, overrides = record.get("text"), record.get("overrides")
     made |= {"text": text, "overrides": overrides}
+    given = _given(text, overrides, asked, run.text) if isinstance(text, str) and isinstance(overrides, dict) else None
     if resolved.text != run.text:
         made["resolved"] = resolved.text
-    elif isinstance(text, str) and isinstance(overrides, dict) and not _resolves(text, overrides, asked, resolved.text):
+    if given is None or not _same_words(resolve_pipeline(given).text, run.text):
         made["text"] = "what makes the resolved pipeline, with the overrides"
+    elif SENSOR in asked.pipeline.sweep:  # what was named beside it is not resolved: none of it counts
+        made["sensor"] = given.pipeline.sensor
     return made, {a.key: set(map(str, a.values)) for a in asked.axes}
 
 
@@ -195,17 +204,17 @@ def _numbers(values: Any, own: tuple[Any, ...]) -> list[Any]:
     return [float(v) if isinstance(v, str) and not text else v for v in values]
 
 
-def _resolves(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) -> bool:
-    """Whether the text that a user wrote, with the overrides, is the resolved pipeline; its files are those of the latter."""
+def _given(text: str, overrides: Mapping[str, str], asked: Plan, resolved: str) -> Plan | None:
+    """The plan of the text that a user wrote, with the overrides; its files are those of the resolved one. None where it is none."""
     try:
         document = tomllib.loads(text, parse_float=Decimal)
         given = {key: tomllib.loads(f"v = {value}", parse_float=Decimal)["v"] for key, value in overrides.items()}
         apply_overrides(document, given)
         document = _placed(document, tomllib.loads(resolved, parse_float=Decimal))
-        made = replace(from_document(document, asked.pipeline.file), folder=asked.pipeline.folder)
-        return _same_words(resolve_pipeline(make_plan(replace(made, most_cells=asked.pipeline.most_cells), installed_stages())).text, resolved)
+        made = replace(from_document(document, asked.pipeline.file), folder=asked.pipeline.folder, most_cells=asked.pipeline.most_cells)
+        return make_plan(made, installed_stages())
     except (RequestError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return False
+        return None
 
 
 def _same_words(one: str, other: str) -> bool:
