@@ -26,6 +26,6 @@ def where_shown(plan: Plan, shown: Mapping[str, CellRef] | None = None) -> str:
     for axis in plan.axes:
         if axis.dim in at:
             value = at[axis.dim]
-            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            texts.append(f"{axis.key} {shown}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
+            said = f"{value:.4g}" if isinstance(value, float) else str(value)
+            texts.append(f"{axis.key} {said}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
     return f" at {', '.join(texts)}" if texts else ""

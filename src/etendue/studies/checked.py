@@ -6,6 +6,8 @@ Out: ``Difference``: file, place in it, what it says, what it has to say. What i
 
 from __future__ import annotations
 
+import copy
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -79,11 +81,19 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
     found = list(NOT_CHECKED)
     lacking = [name for name in again.names.values() if (entry := stored.journal.entries.get(name)) is None or entry.event != "done"]
     if lacking:
-        found.append(NotChecked(f"{len(lacking)} cells that it does not hold", f"{lacking[0]} ...: not asked for, broken off, failed, or removed"))
+        found.append(
+            NotChecked(f"{len(lacking)} cells that it does not hold", f"{lacking[0]} ...: not asked for, broken off, failed, or removed")
+        )
     if stored.manifest is None:
         found.append(NotChecked("status, tables, pictures", "its last run was broken off: etendue rerun ends it"))
     elif again.sheet is None and f"{DATA}/frames/zarr.json" in stored.manifest.metadata:
-        why = "another platform" if elsewhere else "--into" if into else "they are of cells that it no longer holds, or not all of them came out"
+        why = (
+            "another platform"
+            if elsewhere
+            else "--into"
+            if into
+            else "they are of cells that it no longer holds, or not all of them came out"
+        )
         found.append(NotChecked("pictures (frames)", why))
     if software:
         found.append(NotChecked("keys, and digests of code", "the code is another than then"))
@@ -189,7 +199,8 @@ def _of_file(path: str, data: bytes | None, has: bytes | None, own: Mapping[str,
 
 
 def _of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Difference]:
-    off = [n for n, (a, b) in enumerate(zip(old.ravel().tolist(), fresh.ravel().tolist(), strict=True)) if not (a == b or _close(a, b, loose))]
+    pairs = zip(old.ravel().tolist(), fresh.ravel().tolist(), strict=True)
+    off = [n for n, (one, other) in enumerate(pairs) if not (one == other or _close(one, other, loose))]
     if off:
         at = [int(n) for n in np.unravel_index(off[0], fresh.shape)] if fresh.ndim else []
         more = f" and {len(off) - 1} more" if len(off) > 1 else ""
@@ -228,7 +239,9 @@ def _of_ledger(stored: Stored, own: Mapping[str, bytes], elsewhere: bool) -> Ite
             continue
         columns[name] = old, array_of(own.get(f"{LEDGER}/{name}/c/0"), *form)
     told = [name for name in columns if name in ("stage", "key") or name.startswith("at_")]
-    orders = [sorted(range(len(columns[told[0]][n])), key=_row([columns[name][n].tolist() for name in told])) for n in (0, 1)] if told else []
+    if not told:
+        return
+    orders = [sorted(range(len(columns[told[0]][n])), key=_row([columns[name][n].tolist() for name in told])) for n in (0, 1)]
     for name, (old, fresh) in columns.items():
         if elsewhere and name.startswith("clipped"):
             continue
@@ -264,19 +277,27 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
     """Every record against the pipeline in it, its copy in the journal, the file beside it, and the runs in front of it."""
     folder, known = stored.folder, dict[str, set[str]]()
     readable = {run.path.name: run for run in every_record(folder)}
-    newest = list(readable.values())
+    newest, made = list(readable.values()), dict[str, Any]()
     for path in record_paths(folder):
         file, run = f"runs/{path.name}", readable.get(path.name)
         if run is None:
             yield Difference(file, "", "it cannot be read", "a record")
             continue
-        copy, text = stored.journal.records.get(file), (disk.content_of(path) or b"").decode(errors="replace")
-        if copy is not None and copy != text:
+        kept, text = stored.journal.records.get(file), (disk.content_of(path) or b"").decode(errors="replace")
+        if kept is not None and kept != text:
             yield Difference(file, "", "another text", "that of the journal")
         beside = disk.content_of(path.with_suffix(".toml"))
         if beside != run.text.encode():
             yield Difference(f"runs/{path.stem}.toml", "", "" if beside is None else "another pipeline", f"'resolved' of {file}")
-        yield from _of_record(file, run, newest[newest.index(run) + 1 :], known, elsewhere, most_cells)
+        earlier = newest[newest.index(run) + 1 :]
+        own = json.dumps([run.record.get(word) for word in ("resolved", "text", "overrides", "axes", "options")])
+        if own not in made:  # the same again asks for the same
+            try:
+                made[own] = record_again(run, earlier, most_cells)
+            except (ArchiveError, RequestError) as error:
+                yield Difference(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
+                continue
+        yield from _of_record(file, run, copy.deepcopy(made[own]), known, elsewhere)
     for name in sorted(stored.journal.records.keys() - {f"runs/{path.name}" for path in record_paths(folder)}):
         yield Difference(name, "", "", "it is there: the journal has it")
     for dim, values in _values(stored) if stored.manifest is not None else ():
@@ -291,14 +312,8 @@ def _values(stored: Stored) -> Iterator[tuple[str, set[str]]]:
             yield dim, set(map(str, values))
 
 
-def _of_record(
-    file: str, run: Recorded, earlier: list[Recorded], known: dict[str, set[str]], elsewhere: bool, most_cells: int | None
-) -> Iterator[Difference]:
-    try:
-        made, asked = record_again(run, earlier, most_cells)
-    except (ArchiveError, RequestError) as error:
-        yield Difference(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
-        return
+def _of_record(file: str, run: Recorded, again: Any, known: dict[str, set[str]], elsewhere: bool) -> Iterator[Difference]:
+    made, asked = again
     says = dict(run.record)
     other = _without_other_code(says, made)
     yield from _differences(file, says, made, ELSEWHERE if elsewhere or other else 0.0)
@@ -338,12 +353,10 @@ def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Differenc
         if software:
             for one in (held.get(name, {}), own.get(name, {})):
                 one.pop("identifier", None)
-        one, other = held.get(name, _NOTHING), own.get(name, _NOTHING)
-        if one is _NOTHING or other is _NOTHING:
-            if not _skipped(crate.NAME, f"{name}."):
-                yield Difference(crate.NAME, name, "" if one is _NOTHING else "it is there", "" if other is _NOTHING else "it is there")
-            continue
-        yield from _differences(crate.NAME, one, other, 0.0, name)
+        if name in held and name in own:
+            yield from _differences(crate.NAME, held[name], own[name], 0.0, name)
+        elif not _skipped(crate.NAME, f"{name}."):
+            yield Difference(crate.NAME, name, "it is there" if name in held else "", "it is there" if name in own else "")
     rest = [{key: value for key, value in (one or {}).items() if key != "@graph"} for one in (says, made)]
     yield from _differences(crate.NAME, rest[0], rest[1], 0.0)
 
@@ -360,5 +373,3 @@ def _entities(document: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
 def both(ones: Iterator[Difference]) -> list[Difference]:
     """Each difference once, in order."""
     return list(dict.fromkeys(ones))
-
-

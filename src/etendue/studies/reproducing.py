@@ -21,6 +21,7 @@ from etendue.archive.again import Recorded, every_record, recorded
 from etendue.archive.comparing import Compared, Comparing, ComparingKeeper
 from etendue.archive.entries import Entry
 from etendue.archive.inputs import sweep_of
+from etendue.archive.journal import Read
 from etendue.archive.keeping import staying
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.manifest import digest_of
@@ -128,7 +129,8 @@ def reproduce(
     names = dict(Names(plan))
     keys = {ref: cell.key for ref, cell in plan.cells.items()}
     keys |= former_of(plan, run.record).keys if platform or _libraries(run) else {}
-    asked = [name for name in names.values() if _is_asked(stored.journal.entries.get(name), name in stored.journal.outdated)]
+    stopped = _stopped(stored, names, keys)
+    asked = [name for name in names.values() if name not in stopped and _is_asked(stored.journal, name)]
     told = progress(plan) if progress else None
     sheet: Sheet | None = None
     if into is None:
@@ -193,9 +195,24 @@ def _state(folder: Path) -> tuple[str, str]:
     return digest_of(folder / "run.id"), digest_of(folder / MANIFEST)
 
 
-def _is_asked(entry: Entry | None, outdated: bool) -> bool:
-    """Whether a cell is computed again: what is finished, and what failed by itself and not because it was stopped."""
-    return entry is not None and not outdated and entry.event in ("done", "failed")
+def _is_asked(journal: Read, name: str) -> bool:
+    """Whether a cell is computed again: what is finished, and what failed."""
+    entry = journal.entries.get(name)
+    return entry is not None and name not in journal.outdated and entry.event in ("done", "failed")
+
+
+def _stopped(stored: Stored, names: Mapping[CellRef, str], keys: Mapping[CellRef, str]) -> set[str]:
+    """The cells that failed because they were stopped, or their worker died: they need not do so again."""
+    failed = {(ref[0], keys[ref]): name for ref, name in names.items() if _failed(stored.journal.entries.get(name))}
+    columns = [column(stored, f"ledger/{name}") for name in ("stage", "key", "message")] if failed else []
+    if any(one is None for one in columns):
+        return set()
+    rows = zip(*(one.ravel().tolist() for one in columns), strict=False)
+    return {failed[stage, key] for stage, key, message in rows if (stage, key) in failed and "its worker" in message}
+
+
+def _failed(entry: Entry | None) -> bool:
+    return entry is not None and entry.event == "failed"
 
 
 def _shown(stored: Stored, plan: Plan, keys: Mapping[CellRef, str]) -> dict[str, CellRef]:
