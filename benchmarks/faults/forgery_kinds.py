@@ -294,7 +294,7 @@ FORGERIES: dict[str, Forge] = {
     "what was floored": lines("done", of_cell("adc f_number=2", floored=3.0)),
     "a number of a cell": chunk_edited,
     "an axis value throughout": renamed_cells,
-    "an axis value that nobody asked for": lines("axes", lambda line: line["axes"].update(f_number=[2.0, 4.0, 99.0]) if line["axes"] else None),
+    "an axis value that nobody asked for": lines("axes", lambda one: one["axes"].update(f_number=[2.0, 4.0, 9.0]) if one["axes"] else None),
     # records
     "a digest of code": record(stage_of("adc", code=["0" * 32])),
     "a source": record(lambda found: found["sources"].update({next(iter(found["sources"])): "0" * 32})),
@@ -336,11 +336,15 @@ SAID: dict[str, tuple[Forge, str]] = {
     "the platform": (record(lambda found: found["platform"].update(machine="sparc")), "versions, platform and code of then"),
     "a version": (record(lambda found: found["distributions"].update(etendue="9.9")), "versions, platform and code of then"),
     "an author": (
-        document("ro-crate-metadata.json", lambda found: [one.update(author={"@id": "#a"}) for one in found["@graph"] if one["@id"] == "./"]),
+        entity("./", lambda one: one.update(author={"@id": "#a"})),
         "names, texts, licence and authors",
     ),
-    "the name of the archive": (node("", lambda found: found["attributes"]["etendue"].update(pipeline="x")), "names, texts, licence and authors"),
-    "a drawing": (lambda archive: ((archive / "contact_sheet.png").write_bytes(b"\x89PNG"), sealed(archive)), "contact_sheet.png"),
+    "the name of the archive": (
+        document("data.zarr/zarr.json", lambda found: found["attributes"]["etendue"].update(pipeline="x")), "names, texts, licence and authors"
+    ),
+    "a drawing": (
+        lambda archive: ((archive / "contact_sheet.png").write_bytes(b"\x89PNG"), sealed(archive)), "contact_sheet.png"
+    ),
     "how a run was done": (record(lambda found: found["options"].update(scheduler="dask")), "how a run was done"),
     "a file beside": (lambda archive: (archive / "README").write_text("calibrated"), "what is beside it"),
 }  # fmt: skip

@@ -9,6 +9,7 @@ manifest against itself, inputs against their names. What nothing vouches for (b
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import stat
@@ -330,6 +331,21 @@ class _Look:
                 place = archive.place(chunk)
                 if place is not None:
                     yield place
+
+
+def sha256_of(folder: Path) -> str:
+    """One digest of an archive: of the paths and contents of all its files, but the lock and who owns it. A copy has the same.
+
+    Raises
+    ------
+    ArchiveError
+        Something in it is no plain file.
+    """
+    listing, found = disk.Listing(folder), hashlib.sha256()
+    beside = [name for name in disk.FILES if name not in ("lock", "run.id") and (folder / name).is_file()]
+    for path in sorted([*beside, *(path for name in disk.FOLDERS for path in listing.below(name))]):
+        found.update(f"{path} {plain_files.sha256(folder / path, None, links=False)}\n".encode())
+    return found.hexdigest()
 
 
 def _split(array: str) -> tuple[str, str]:

@@ -142,6 +142,8 @@ def print_verified(document: dict[str, Any]) -> None:
     found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be computed again"
     console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
     console.print(f"read {read}{rate}")
+    if "sha256" in document:
+        console.print(f"sha256 of all of it: {document['sha256']}", soft_wrap=True)
     if not document["whole"]:
         console.print(escape(f"repair it: etendue verify {document['archive']} --repair"), soft_wrap=True)
 
