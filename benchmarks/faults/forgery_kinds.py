@@ -340,7 +340,8 @@ SAID: dict[str, tuple[Forge, str]] = {
         "names, texts, licence and authors",
     ),
     "the name of the archive": (
-        document("data.zarr/zarr.json", lambda found: found["attributes"]["etendue"].update(pipeline="x")), "names, texts, licence and authors"
+        document("data.zarr/zarr.json", lambda found: found["attributes"]["etendue"].update(pipeline="x")),
+        "names, texts, licence and authors",
     ),
     "a drawing": (
         lambda archive: ((archive / "contact_sheet.png").write_bytes(b"\x89PNG"), sealed(archive)), "contact_sheet.png"

@@ -133,6 +133,8 @@ def print_verified(document: dict[str, Any]) -> None:
         console.print(f"... {len(document['damages']) - MOST} more; --json has all")
     for path in document["beside"]:
         console.print(escape(f"beside it: {path}, which no run has written, and nobody vouches for"), soft_wrap=True)
+    if document["partial"]:
+        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
     rate = f", {document['bytes_per_second'] / 1e6:.0f} MB/s" if document["bytes_per_second"] else ""
     read = (
         f"{document['cells']} cells, {document['chunks']} chunks, {human_bytes(document['bytes'])} in {human_seconds(document['seconds'])}"
