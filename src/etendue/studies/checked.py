@@ -297,6 +297,9 @@ def of_records(stored: Stored, elsewhere: bool, again: Again, most_cells: int | 
             except (ArchiveError, RequestError) as error:
                 yield Difference(file, "resolved", str(error).split("\n")[0], "a pipeline that can be read here")
                 continue
+            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # words of another form
+                yield Difference(file, "axes, options", f"{type(error).__name__}: {error}", "what a run records")
+                continue
         yield from _of_record(file, run, copy.deepcopy(made[own]), known, elsewhere)
     for name in sorted(stored.journal.records.keys() - {f"runs/{path.name}" for path in record_paths(folder)}):
         yield Difference(name, "", "", "it is there: the journal has it")
