@@ -171,7 +171,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
     began, at = time.perf_counter(), where_shown(plan)
     with keeping as keeper:
         work = keeper.begin(plan)
-        shown = {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
+        shown = dict(work.shown) or {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
         show = frozenset(ref for ref in shown.values() if keeper.draws and ref in work.todo)
         place = keeper.place if options.scheduler in ("serial", "threads") else None
         looks = thumbnails.looks(work.plan, shown.values()) if keeper.draws else {}

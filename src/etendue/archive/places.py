@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from etendue.archive.owner import unless_written
 from etendue.calls import called
 from etendue.errors import ArchiveError, EtendueError, RequestError
 
@@ -49,9 +50,12 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
     ------
     ArchiveError
         There is no archive, or the store cannot be asked.
+    ArchiveInUse
+        In the place of what is said of cells that a run is replacing.
     """
     if not is_url(place):
-        yield Path(place)
+        with unless_written(Path(place)):
+            yield Path(place)
         return
     from etendue.archive.mirror import work_place
 
