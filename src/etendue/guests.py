@@ -10,20 +10,17 @@ Out: umask, recursion limit and arithmetic as they stood in front of all who are
 from __future__ import annotations
 
 import os
-import re
 import sys
 import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, partial
-from pathlib import Path
 from typing import Any, NoReturn
 
 from etendue import interrupts
 from etendue.process import Before, Shared
 
-_UMASK = re.compile(rb"^Umask:\s*([0-7]+)", re.MULTILINE)
 _ONE, _HALF, _SMALLEST, _TIE_ABOVE, _TIE_BELOW = 1.0, 0.5, sys.float_info.min, 2.0**-53, 2.0**-54  # names: nothing is computed ahead
 _told: dict[Any, Any] = {}  # what has been said; once is enough
 
@@ -104,11 +101,12 @@ def abandon() -> None:
 def _now() -> tuple[int, int]:
     """The umask and the recursion limit."""
     try:
-        found = _UMASK.search(Path("/proc/self/status").read_bytes())
+        with open("/proc/self/status", "rb", 0) as status:
+            line = status.read(256).partition(b"\nUmask:")[2].split(maxsplit=1)
     except OSError:
-        found = None
-    if found:
-        return int(found[1], 8), sys.getrecursionlimit()
+        line = []
+    if line:
+        return int(line[0], 8), sys.getrecursionlimit()
     umask = os.umask(0o077)  # elsewhere it is asked for by setting it: a file that is made at this instant is its owner's alone
     os.umask(umask)
     return umask, sys.getrecursionlimit()
