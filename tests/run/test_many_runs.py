@@ -70,6 +70,7 @@ def test_so_are_those_with_archives_of_their_own(many_runs, tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize(("way", "kinds"), LONG, ids=["-".join((way, *(kinds if len(kinds) == 1 else ("mix",)))) for way, kinds in LONG])
 def test_so_are_fifty_rounds_of_each_kind_in_every_way(many_runs, tmp_path, way, kinds):
     right(many_runs, tmp_path, way, kinds, rounds=50)
@@ -137,6 +138,7 @@ def test_of_those_that_want_one_archive_one_has_it_and_the_others_are_told(many_
 
 
 @pytest.mark.long
+@pytest.mark.timeout(3600)
 def test_so_are_those_that_have_processes_of_their_own(many_runs, tmp_path):
     """``Pipeline.run`` with workers, in threads of a script."""
     script = tmp_path / "script.py"
