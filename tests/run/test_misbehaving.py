@@ -72,6 +72,7 @@ def check(place, done, archive, fails, fine):
             assert tree["naughty/status"].sel(naughty_how=how).values == 2
             assert tree["witness/status"].sel(naughty_how=how).values == 3
     assert not list((place / archive).rglob("*.partial"))
+    assert all(path.stat().st_mode & 0o600 == 0o600 for path in (place / archive).rglob("*"))
 
 
 @pytest.mark.parametrize("scheduler", [pytest.param("serial", marks=pytest.mark.long), "threads", "processes"])
@@ -86,7 +87,7 @@ def test_a_stage_that_breaks_off_ends_its_cell_alone(place, scheduler):
 def test_a_worker_that_dies_or_hangs_ends_the_cell_at_which_it_was_alone(place):
     """In one batch with cells that behave: these are computed all the same, and again nothing but the guilty ones fails."""
     fine = ["behaves", "gives its input", "gives lists"]
-    ways = [fine[0], "leaves", "crashes", fine[1], "is killed", "hangs", fine[2]]
+    ways = [fine[0], "leaves below Python", "crashes", fine[1], "is killed", "hangs", fine[2]]
     done = run(place, ways, "--scheduler", "processes", "--workers", "2", "--archive", "dies", "--cell-timeout", "2")
     check(place, done, "dies", {how: words for how, (_, words) in DIES.items()}, fine)
 
@@ -125,6 +126,6 @@ def test_a_worker_whose_owner_is_gone_ends_without_a_word(monkeypatch):
         raise Ended(code)
 
     monkeypatch.setattr(workers, "begin_worker", lambda: None)
-    monkeypatch.setattr(workers.os, "_exit", leave)
+    monkeypatch.setattr(workers, "end_now", leave)
     with pytest.raises(Ended, match="1"):
         workers.serve(Closed())

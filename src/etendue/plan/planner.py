@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
+from etendue.guests import Guest
 from etendue.plan import asking, cost, omissions
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
@@ -42,7 +43,15 @@ def without_collecting() -> Iterator[None]:
             gc.enable()
 
 
+@contextmanager
+def _asked() -> Iterator[None]:
+    """Stages are asked, those of other distributions among them."""
+    with Guest("a stage, when it was planned,"):
+        yield
+
+
 @without_collecting()
+@_asked()
 def make_plan(
     pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
     expected: bool = False, computed: frozenset[str] = frozenset(), versions: Mapping[str, str] = INSTALLED,
