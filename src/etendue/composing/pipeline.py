@@ -14,6 +14,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from etendue.calls import called_methods
 from etendue.composing.shown import plan_page, table_page
 from etendue.composing.stages import Placed, maker, plain
 from etendue.errors import Fault, RequestError, nearest
@@ -59,6 +60,7 @@ class Planned:
         return plan_page(self.document())
 
 
+@called_methods
 @dataclass(frozen=True)
 class Pipeline(Source):
     """A camera from scene to display: placed stages in order, and all else a pipeline file says.

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
+from etendue.guests import Guest
 from etendue.plan import asking, cost, omissions
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
@@ -42,7 +43,15 @@ def without_collecting() -> Iterator[None]:
             gc.enable()
 
 
+@contextmanager
+def _asked() -> Iterator[None]:
+    """Stages are asked, those of other distributions among them."""
+    with Guest("a stage, when it was planned,"):
+        yield
+
+
 @without_collecting()
+@_asked()
 def make_plan(
     pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
     expected: bool = False, computed: frozenset[str] = frozenset(), versions: Mapping[str, str] = INSTALLED,
@@ -131,8 +140,10 @@ def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
 def _rewritten_in_vain(nodes: Any) -> list[str]:
     """Stages that change a variable behind the one that reads it: their place in the file is likely wrong."""
     notes = []
+    written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
     for number, node in enumerate(nodes):
         own = {variable: source for bound in node.inputs for _, source, variable in bound if variable in node.writes}
+        own = {v: s for v, s in own.items() if written[s, v] == node.writes[v].dims}  # not of one picture instead of many frames
         for variable, source in own.items():
             readers = [n for n in nodes[:number] for bound in n.inputs for _, s, v in bound if (s, v) == (source, variable)]
             later = [n for n in nodes[number + 1 :] for bound in n.inputs for _, s, v in bound if (s, v) == (node.name, variable)]
