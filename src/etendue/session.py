@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue import interrupts
+from etendue.calls import called
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
@@ -335,6 +336,7 @@ def check_timeout(options: Options) -> None:
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
 
 
+@called
 def simulate(
     pipeline: str | Path | Mapping[str, Any] | Source,
     *,

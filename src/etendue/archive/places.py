@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from etendue.archive.owner import unless_written
+from etendue.calls import called
 from etendue.errors import ArchiveError, EtendueError, RequestError
 
 if TYPE_CHECKING:
@@ -176,6 +177,7 @@ def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
     return dataclasses.replace(outcome, archive=Url(place), pictures=named(outcome.pictures, folder, place))
 
 
+@called
 def open_archive(place: str | Path) -> xarray.DataTree:
     """An archive as a lazy ``xarray.DataTree``: arrays are read when they are asked for.
 
