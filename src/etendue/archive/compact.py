@@ -23,6 +23,7 @@ from typing import Any
 import google_crc32c
 import numpy as np
 
+from etendue import interrupts
 from etendue.archive import disk
 from etendue.archive.clearing import nodes_on_disk
 from etendue.archive.cutting import blocks_of, chunk_shapes
@@ -83,7 +84,8 @@ def compact(old: Path, new: Path) -> Compacted:
         shutil.rmtree(aside, ignore_errors=True)  # of an earlier attempt that was killed
         aside.mkdir()
         try:
-            done = Anew(archive, aside).write()
+            with interrupts.held():
+                done = Anew(archive, aside).write()
             aside.rename(new)
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
@@ -203,6 +205,7 @@ class Anew:
         placed: dict[str, list[Written]] = {name: [] for name in self.archive.cells}
         shards: dict[str, Shard] = {}
         for path, own in self.shards.items():
+            interrupts.check()
             if self.shares and self._stays(path, own) and self._shared(path):
                 shards[path] = self.archive.journal.shards[path]
                 for cell, chunk in own.values():

@@ -17,6 +17,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from etendue import interrupts
 from etendue.archive import disk
 from etendue.archive.compact import Anew, Compacted, aside_of, check_in_order, locked
 from etendue.archive.manifest import DATA
@@ -27,7 +28,7 @@ AT_HERE, EXCHANGE = -100, 2  # AT_FDCWD; RENAME_EXCHANGE of Linux, and RENAME_SW
 
 
 def compact_in_place(folder: Path) -> Compacted:
-    """Write an archive anew where it is.
+    """Write an archive anew where it is. Interrupted by a signal it leaves nothing beside it.
 
     Raises
     ------
@@ -39,7 +40,11 @@ def compact_in_place(folder: Path) -> Compacted:
         The disk has no room for what is to be written.
     """
     open_archive(folder)
-    folder = folder.resolve()
+    with interrupts.held():
+        return _compact_in_place(folder.resolve())
+
+
+def _compact_in_place(folder: Path) -> Compacted:
     aside = aside_of(folder)
     locks = [locked(folder, fcntl.LOCK_EX)]
     try:
@@ -61,6 +66,7 @@ def compact_in_place(folder: Path) -> Compacted:
             done = anew.write()
             locks.append(locked(aside, fcntl.LOCK_EX))  # whoever comes between finds it in use
             _sync(aside)
+            interrupts.check()
             exchange(folder, aside)
             disk.sync_folder(folder.parent)
         except BaseException:  # also where somebody interrupts it; what stands aside is the new one not yet, or the old one no more

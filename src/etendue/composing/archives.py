@@ -125,10 +125,10 @@ class Archive:
         return found
 
     def reproduce(self, scheduler: str = "threads", workers: int = 0) -> dict[str, Any]:
-        """Compute every cell again from the archive alone and compare: what ``etendue reproduce --json`` prints."""
+        """Compute every cell again from the archive alone and compare, with all else: what ``etendue reproduce --json`` prints."""
         from etendue.studies.reproducing import document, reproduce
 
-        with places.reading(self.place) as folder:
+        with places.reading(self.place, exact=True) as folder:
             found: dict[str, Any] = places.named(
                 document(reproduce(folder, Options(check_scheduler(scheduler), workers))), folder, self.place
             )
