@@ -44,6 +44,17 @@ def test_light_streamed_by_band_gives_what_the_whole_gives(by_band, monkeypatch)
     assert np.array_equal(streamed["white"].white.values, whole["white"].white.values)
 
 
+def test_what_looks_at_light_is_given_arrays_also_of_light_that_is_streamed(by_band, monkeypatch):
+    """The budget of light takes means of what it is given: nothing in it knows of bands."""
+    asked = {**camera(), "stages": [*camera()["stages"], {"use": "light_budget"}]}
+    streamed = etendue.simulate(asked)["light_budget"].mean_irradiance
+    monkeypatch.undo()
+    whole = etendue.simulate(asked)["light_budget"].mean_irradiance
+    assert list(streamed.stage.values) == list(whole.stage.values)
+    assert len(whole) >= 4  # one for each stage that writes it
+    np.testing.assert_allclose(streamed.values, whole.values, rtol=1e-6)  # a look-up of radial frequencies keeps the mean to that
+
+
 def test_what_is_streamed_has_the_same_bits_however_it_is_run_and_resumed(by_band, tmp_path):
     first = etendue.simulate(camera(), archive=tmp_path / "a", scheduler="serial")
     second = etendue.simulate(camera(), archive=tmp_path / "b", scheduler="threads", workers=2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import xarray
 
 from etendue.run import workers
 from tests.cli.test_plugins import install
+from tests.fresh import process
 from tests.run import misbehaving
 from tests.run.misbehaving import DIES, FAILS, FINE, WHOLE
 from tests.run.small import command, environment
@@ -41,10 +41,7 @@ def place(tmp_path_factory):
 
 def run(place, ways, *arguments):
     sweep = "naughty.how=[" + ",".join(json.dumps(way) for way in ways) + "]"
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", "run", "file.toml", "--sweep", sweep, "--json", *arguments],
-        cwd=place, env=environment(PYTHONPATH=str(place / "site")), capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    return process("run", "file.toml", "--sweep", sweep, "--json", *arguments, cwd=place, env=environment(PYTHONPATH=str(place / "site")))
 
 
 def check(place, done, archive, fails, fine):

@@ -108,6 +108,7 @@ MOVED_DATA = {
     "quantities.toml": _VALUES,
     "roles.toml": _WORDS,
     "stages.toml": "which class stands under a name: its code stands in keys",
+    "subjects.toml": _WORDS,
     "variables.toml": _WORDS,
 }
 

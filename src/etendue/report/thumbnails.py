@@ -65,13 +65,13 @@ class _View:
 
     def _large_light(self, array: Any) -> tuple[Any, Any]:
         """Made small, and some rows of it: perhaps stored by band, as it is too large to be held."""
-        small, rows = [], []
+        small, band = [], _Mixing(self.seen)
         for number in range(array.shape[0]):
             plane = np.asarray(array[number])
             small.append(fitted(plane))
-            rows.append(as_float(plane[slice(*self.rows)]))
-        band = self.seen.mixed(np.stack(rows))
-        return self.seen.mixed(np.stack(small)), band if band.size else None
+            band.add(number, as_float(plane[slice(*self.rows)]))
+        rows = band.made()
+        return self.seen.mixed(np.stack(small)), rows if rows.size else None
 
     def gathering(self, shape: tuple[int, ...]) -> Gathering | None:
         if self.middles or self.light or self.seen.grey:
@@ -115,6 +115,26 @@ class Look:
         return view.gathering(shape) if view and max(shape[-2:]) > LARGEST else None
 
 
+class _Mixing:
+    """Planes brought to their colours as they come: what is held is three of them, however many there are."""
+
+    def __init__(self, seen: Appearance) -> None:
+        self.seen, self.sum, self.apart = seen, None, []  # type: ignore[var-annotated]
+
+    def add(self, number: int, plane: Any) -> None:
+        if self.seen.matrix is None:
+            self.apart.append(plane)
+            return
+        weights = self.seen.matrix[:, number].astype(plane.dtype)
+        if self.sum is None:
+            self.sum = np.zeros((len(weights), *plane.shape), plane.dtype)
+        for own, weight in zip(self.sum, weights, strict=True):
+            own += weight * plane
+
+    def made(self) -> Any:
+        return self.seen.mixed(np.stack(self.apart)) if self.sum is None else self.sum
+
+
 class Gathering:
     """A thumbnail of rows that come in order: with the bits of the whole."""
 
@@ -141,7 +161,7 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
 
 def window_of(plan: Plan, shown: Iterable[CellRef]) -> Window | None:
     """The rows that are kept of every picture of some cells, whichever of them there will be."""
-    return band_of([grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown in ("linear", "encoded")])
+    return band_of([grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")])
 
 
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:

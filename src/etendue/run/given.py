@@ -7,7 +7,7 @@ Out: arguments by name.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,11 +91,9 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
             given[port] = transfers_of(job)
         elif what == "datasheet":
             given[port] = [(name, sheet) for (name, _), sheet in zip(pairs, looking.sheets, strict=True)]
-        elif isinstance(job.stage, Probe) and job.stage.with_grids:
-            seen = zip(pairs, looking.grids[port], strict=True)
-            given[port] = [(n, for_reading(results[ref].arrays[what]), grid) for (n, ref), grid in seen]
         else:
-            given[port] = [(name, for_reading(results[ref].arrays[what])) for name, ref in pairs]
+            grids = looking.grids[port] if isinstance(job.stage, Probe) and job.stage.with_grids else ()
+            given[port] = _Seen([(name, results[ref].arrays[what]) for name, ref in pairs], grids).given()
     form = form_of(job)
     special = form.special
     if "asked" in special:
@@ -112,6 +110,28 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
                 raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
             given[name] = for_reading(form.coordinates[name])
     return given
+
+
+class _Seen(Sequence[tuple[Any, ...]]):
+    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light that is made by band is made whole where it is
+    asked for: who goes from stage to stage holds that of one."""
+
+    def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Any]) -> None:
+        self.seen, self.grids = seen, grids
+
+    def given(self) -> Sequence[tuple[Any, ...]]:
+        """A list of arrays where all of them are there."""
+        return self if any(isinstance(array, Banded) for _, array in self.seen) else list(self)
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return [self[n] for n in range(*number.indices(len(self)))]
+        name, array = self.seen[number]
+        whole = for_reading(frozen(np.asarray(array)) if isinstance(array, Banded) else array)
+        return (name, whole, self.grids[number]) if self.grids else (name, whole)
 
 
 def _prepared(job: Job) -> Any:

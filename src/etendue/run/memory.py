@@ -22,7 +22,7 @@ from typing import Any
 
 from etendue.process import Shared
 
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 LARGEST_BLOCK = 32 << 20  # the largest glibc accepts; larger arrays are mapped as before
 LARGEST_KEPT = 1 << 30
 AT_ONCE = 10_000  # objects made until the youngest are looked through, instead of 700: those of a plan and of a cell go by themselves
@@ -99,4 +99,5 @@ def keep_freed_memory() -> bool:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError):
         return False
-    return bool(mallopt(M_MMAP_THRESHOLD, LARGEST_BLOCK) and mallopt(M_TRIM_THRESHOLD, LARGEST_KEPT))
+    kept = mallopt(M_MMAP_THRESHOLD, LARGEST_BLOCK) and mallopt(M_TRIM_THRESHOLD, LARGEST_KEPT)
+    return bool(kept and mallopt(M_ARENA_MAX, 1))  # what one thread has freed serves all of them

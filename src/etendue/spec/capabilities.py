@@ -219,6 +219,8 @@ def check_class(kind: type[Stage]) -> None:
         raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
         raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
+    if isinstance(kind.working, bool) or not isinstance(kind.working, int | float) or not 0 <= kind.working < math.inf:
+        raise TypeError(f"{name}.working is {kind.working!r}; expected a number from 0")
     if issubclass(kind, Sampled):
         mean_arguments_of(kind)
     own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]

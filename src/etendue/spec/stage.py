@@ -57,6 +57,7 @@ class Stage:
     ``nan`` and ``negative`` say what happens to such input: ``error`` (default), ``keep``, or ``clip`` (negative only).
     ``libraries`` names distributions whose version can change the result.
     ``nanoseconds``: what a value it writes costs, before it has ever been measured.
+    ``working``: what it holds while it computes beside what it reads and writes, in times the larger of the two as floats of the run.
     ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
     may be multiplied as if it were not there.
     ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to ``run`` at once.
@@ -80,6 +81,7 @@ class Stage:
     negative: ClassVar[str] = "error"
     libraries: ClassVar[tuple[str, ...]] = ()
     nanoseconds: ClassVar[float] = 30.0
+    working: ClassVar[float] = 1.0
     pointwise: ClassVar[bool] = False
     elementwise: ClassVar[bool] = False
     once: ClassVar[tuple[str, ...]] = ()

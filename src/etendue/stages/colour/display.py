@@ -76,6 +76,7 @@ class Display(Displaying, Haloed):
     creates: ClassVar = {"channel": RGB}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.7
     libraries: ClassVar = ("colour-science",)
     error: ClassVar = measured(2e-6, 5e-15)
 
@@ -173,6 +174,7 @@ class ToXyz(Haloed):
     creates: ClassVar = {"channel": XYZ}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.7
 
     libraries: ClassVar = ("colour-science",)
     error: ClassVar[Any] = measured(1e-6, 1e-15)
@@ -216,6 +218,7 @@ class Encode(_Encoding):
     that is clipped in the camera stands at 1 up to the last bits, on either side."""
 
     role: ClassVar = "display encoding"
+    working: ClassVar = 2.3
     reads: ClassVar = {"rgb_linear": "channel y x [1]"}
     writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
     keeps: ClassVar = ("order",)

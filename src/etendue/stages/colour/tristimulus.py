@@ -150,6 +150,7 @@ class CameraToXyz(Haloed):
     creates: ClassVar = {"channel": XYZ}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
+    working: ClassVar = 1.7
     error: ClassVar = measured(1e-6, 2e-15)
 
     brightness: str = quantity("brightness")
@@ -190,6 +191,7 @@ class Balance(Viewed, Haloed):
     writes: ClassVar = {"xyz_scene": "channel y x [1]", "cones_floored": "[1]"}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.7
     libraries: ClassVar = ("colour-science",)
 
     once: ClassVar = ("adaptation to the white of the display",)

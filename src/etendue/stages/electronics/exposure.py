@@ -116,6 +116,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
     writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 60.0
+    working: ClassVar = 0.5
 
     noise: str = quantity("noise")
     exact_below: float = param(

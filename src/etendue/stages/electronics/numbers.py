@@ -103,6 +103,7 @@ class ExposureReport(GainChain):
     writes: ClassVar = {"clipped_fraction": "[1]", "black_fraction": "[1]", "mean_snr": "[1]"}
     unseen: ClassVar = {"mean_snr": NOT_OF_A_PIXEL[1:]}
     nanoseconds: ClassVar = 5.0
+    working: ClassVar = 1.5
     error: ClassVar = measured(1e-6, 1e-14)
 
     read_noise: float = quantity("read_noise")

@@ -27,6 +27,7 @@ class ChargeFraction(Haloed):
     gain: ClassVar = 1.0
     negative: ClassVar = "clip"
     nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
     error: ClassVar = proved(1.3e-7, 3e-16)  # the factor and the product are rounded
 
     pixel_pitch: float = quantity("pixel_pitch")
@@ -56,6 +57,7 @@ class PaperExposure(Haloed):
     gain: ClassVar = None  # it jumps at the smallest detectable charge, and clips
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
+    working: ClassVar = 2.2
     error: ClassVar = proved(1e-7, 3e-16)
 
     integration_time: float = quantity("integration_time")

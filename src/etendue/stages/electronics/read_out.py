@@ -151,6 +151,7 @@ class Adc(GainChain, Sampled, Noisy, Datasheet):
     elementwise: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
+    working: ClassVar = 2.6
 
     read_noise: float = quantity("read_noise")
     read_noise_after: float = quantity("read_noise_after")
@@ -203,6 +204,7 @@ class Linearise(KnownNoise, Scaled):
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     elementwise: ClassVar = True
     nanoseconds: ClassVar = 2.0
+    working: ClassVar = 1.5
     error: ClassVar = proved(6e-8, 2e-16)
 
     def run(self, raw: Any) -> dict[str, Any]:

@@ -26,6 +26,7 @@ class Falloff(Dimming, Banded, Bounded):
     once: ClassVar = ("fall-off",)
     keeps: ClassVar = ("order",)
     nanoseconds: ClassVar = 2.0
+    working: ClassVar = 0.5
     error: ClassVar = measured(2e-7, 4e-15)
 
     model: str = param(

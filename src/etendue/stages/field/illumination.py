@@ -69,6 +69,7 @@ class Vignetting(Dimming, Banded, Bounded):
 
     role: ClassVar = "vignetting"
     nanoseconds: ClassVar = 3.0
+    working: ClassVar = 0.5
     error: ClassVar = measured(2e-7, 1e-14)
 
     rim_radius: float = param(math.inf, units="mm", above=0, infinite=True, doc="radius of the rim; inf: no rim")

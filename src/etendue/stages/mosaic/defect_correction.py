@@ -59,6 +59,7 @@ class CorrectDefects(DefectDetection):
     gain: ClassVar = None  # a decision has no slope
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
+    working: ClassVar = 2.8
 
     by: str = param("both", choices=("map", "detection", "both"), doc="which pixels are replaced")
 
@@ -104,6 +105,7 @@ class JoinDefectMaps(Stage):
     reads: ClassVar = {"defect_map": "y x [1] uint8", "stuck_map": "y x [1] uint8"}
     writes: ClassVar = {"defect_map": "y x [1] uint8"}
     nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.1
     error: ClassVar = proved(0.0)
 
     def run(self, defect_map: Any, stuck_map: Any) -> dict[str, Any]:

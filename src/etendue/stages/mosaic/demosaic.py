@@ -73,6 +73,7 @@ class DemosaicColourDifference(_Demosaic, Haloed):
 
     gain: ClassVar = 3.0  # |R| <= |G| + |K|, |K| <= |R| + |G|, each of gain 1
     nanoseconds: ClassVar = 10.0
+    working: ClassVar = 0.5
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": bilinear.colour_difference(mosaic_linear, self.seen(y, x))}
@@ -87,6 +88,7 @@ class DemosaicDirectional(_Demosaic, Haloed):
 
     gain: ClassVar = None  # weights turn from rows to columns within the floor: errors may grow by its inverse
     nanoseconds: ClassVar = 12.0
+    working: ClassVar = 0.6
 
     floor: float = param(directional.FLOOR, above=0, at_most=1, doc="mean differences below it, 1 at clipping, say nothing about direction")
 

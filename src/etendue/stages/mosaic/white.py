@@ -149,6 +149,7 @@ class BalanceMosaic(Haloed):
     gain: ClassVar = None  # as large as the white is coloured
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 3.0
+    working: ClassVar = 0.1
     error: ClassVar = proved(2e-7, 4e-16)
 
     pattern: str = quantity("pattern")

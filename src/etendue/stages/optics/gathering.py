@@ -29,6 +29,7 @@ class Irradiance(Conjugates, Banded):
     pointwise: ClassVar = True
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
     error: ClassVar = proved(1e-7, 4e-16)
 
     t_number: float = quantity("t_number")

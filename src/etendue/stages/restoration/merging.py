@@ -38,6 +38,7 @@ class MergeFrames(KnownNoise):
     gain: ClassVar = None  # a frame that is left out may be the one with the error
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 40.0
+    working: ClassVar = 3.5
     error: ClassVar = measured(2e-6, 1e-14)
 
     method: str = param("hdr", choices=("mean", "sigma_clipped", "hdr"), doc="which frames count how much")

@@ -25,6 +25,7 @@ class Mosaic(Haloed):
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
     error: ClassVar = proved(0.0)
 
     pattern: str = quantity("pattern")

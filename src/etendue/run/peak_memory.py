@@ -1,0 +1,330 @@
+"""The most that a run holds at once, above the interpreter, found by going through its jobs without arrays.
+
+In:  a plan, how many workers compute at once, whether results stay in memory.
+Out: ``Peak``: bytes, and the cell of which most is held.
+
+The jobs are those that would run, for the largest cells of a plan and their neighbours on its axes: cells that are left out hold nothing,
+cells of a walk hold strips, light that is made by band holds bands. What a stage works with while it computes, it says (``Stage.working``);
+what transforms work with is known here. Measured by ``benchmarks/memory.py``.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from etendue.physics.light.sampling import padded_size
+from etendue.plan import cost
+from etendue.plan.ancestry import ancestry
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.shown import shown_cells
+from etendue.plan.strips import has_rows
+from etendue.run.batches import Batch, partition
+from etendue.run.job import Job
+from etendue.run.jobs import make_jobs
+from etendue.run.order import depth_first
+from etendue.run.tables import LARGEST_CACHE, LARGEST_PATTERN
+from etendue.spec.capabilities import halo_of, is_source
+from etendue.spec.stage import arguments_of
+
+WITHOUT_BANDS = 5.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
+AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
+LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
+SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
+SHOWN = 256  # samples on a side up to which a picture is kept whole
+Piece = tuple[CellRef, str]  # a variable of a cell, or its spectrum
+
+
+@dataclass
+class Peak:
+    """What a run holds: in all, in the cell of which most is held, and what that cell holds alone."""
+
+    bytes: int
+    ref: CellRef | None = None
+    alone: int = 0
+
+
+def workers_of(scheduler: str, workers: int) -> int:
+    """How many cells are computed at once."""
+    return 1 if scheduler == "serial" else workers or os.cpu_count() or 1
+
+
+def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False) -> Peak:
+    """The most bytes that are held at once while a plan is computed."""
+    part, jobs = _jobs(plan, workers, in_memory)
+    if not jobs:
+        return Peak(0)
+    show = set(shown_cells(plan).values())
+    found = _Run(part, jobs, show, in_memory, workers).peak()
+    if in_memory:
+        found.bytes += kept_bytes(plan)
+    return found
+
+
+def kept_bytes(plan: Plan) -> int:
+    """Bytes of all that is kept."""
+    kept = {node.name: [v for v in node.writes if (node.name, v) in plan.kept] for node in plan.nodes}
+    return sum(
+        count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
+        for node in plan.nodes if kept[node.name] for cell, count in cost.alike(plan.of(node.name))
+    )  # fmt: skip
+
+
+def _jobs(plan: Plan, workers: int, in_memory: bool) -> tuple[Plan, Mapping[CellRef, Job]]:
+    """The jobs of the largest cells and of some beside them."""
+    chosen = _chosen(plan, AROUND * workers)
+    refs = [ref for ref in plan.cells if all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))]
+    if len(refs) < len(plan.cells):
+        needed = ancestry(plan, refs)
+        plan = replace(plan, cells={ref: cell for ref, cell in plan.cells.items() if ref in needed})
+    show = frozenset(ref for ref in shown_cells(plan).values() if ref in plan.cells)
+    place = (lambda ref, variable: True if (ref[0], variable) in plan.kept else None) if in_memory else None
+    return plan, make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=in_memory, show=show, place=place)
+
+
+def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
+    """Positions on every axis: those of the largest cells, and neighbours of them while there are few combinations."""
+    largest: dict[str, int] = {}
+    sizes = []
+    for node in plan.nodes:
+        every = [(cost.cell_bytes(node, cell, plan.precision), cell) for cell, _ in cost.alike(plan.of(node.name)) if cell.left_out is None]
+        if every:
+            size, cell = max(every, key=lambda one: one[0])
+            sizes.append((size, node.axes, cell.index))
+    for _, axes, index in sorted(sizes, key=lambda one: -one[0]):
+        for dim, position in zip(axes, index, strict=True):
+            largest.setdefault(dim, position)
+    found = {axis.dim: {largest.get(axis.dim, 0)} for axis in plan.axes}
+    count = 1
+    for axis in reversed(plan.axes):
+        own, room = found[axis.dim], max(most // count, 1)
+        own |= set(itertools.islice((i for i in range(len(axis.values)) if i not in own), room - 1))
+        count *= len(own)
+    return found
+
+
+@dataclass
+class _Batch:
+    """What a batch holds while it runs beside what it is given, and what it hands on."""
+
+    most: float
+    ref: CellRef
+    alone: float
+    after: dict[Piece, float] = field(default_factory=dict)
+
+
+class _Run:
+    """A run of jobs without arrays."""
+
+    def __init__(self, plan: Plan, jobs: Mapping[CellRef, Job], show: set[CellRef], in_memory: bool, workers: int) -> None:
+        self.plan, self.jobs, self.show, self.in_memory, self.workers = plan, jobs, show, in_memory, workers
+        self.size = 4 if plan.precision == "float32" else 8
+        self.pieces: dict[CellRef, dict[Piece, float]] = {}  # what the result of a cell holds
+        self.tables, self.pictures = 0.0, 0.0
+        frames = [g["y"].size * g["x"].size for ref in show if ref in jobs for g in jobs[ref].grids.values() if "y" in g and "x" in g]
+        self.shown = min(1.0, SHOWN_WHOLE / min(frames, default=1))
+
+    # -- all batches --------------------------------------------------------------------------------------------------
+
+    def peak(self) -> Peak:
+        """Batches are begun in the order in which they become ready, as many at once as there are workers."""
+        batches = {batch.number: batch for batch in partition(self.jobs)}
+        place = {number: n for n, number in enumerate(depth_first(batches, lambda n: batches[n].inputs))}
+        waiting = {number: len(batch.inputs) for number, batch in batches.items()}
+        readers: dict[int, list[int]] = {number: [] for number in batches}
+        for number, batch in batches.items():
+            for source in batch.inputs:
+                readers[source].append(number)
+        left = {number: len(own) for number, own in readers.items()}
+        ready = [(place[n], n) for n, count in waiting.items() if not count]
+        heapq.heapify(ready)
+        under_way: list[tuple[float, int]] = []
+        held: dict[int, dict[Piece, float]] = {}
+        working: dict[int, _Batch] = {}
+        best, now = Peak(0), 0.0
+        while ready or under_way:
+            while ready and len(under_way) < self.workers:
+                _, number = heapq.heappop(ready)
+                working[number] = self.through(batches[number])
+                heapq.heappush(under_way, (now + batches[number].seconds, number))
+            standing: dict[Piece, float] = {}
+            for own in held.values():
+                standing |= own
+            total = sum(standing.values()) + sum(one.most for one in working.values()) + min(self.tables, LARGEST_CACHE) + self.pictures
+            if total > best.bytes:
+                most = max(working.values(), key=lambda one: one.most)
+                best = Peak(int(total), most.ref, int(most.alone))
+            now, number = heapq.heappop(under_way)
+            held[number] = working.pop(number).after
+            for source in batches[number].inputs:
+                left[source] -= 1
+                if not left[source]:
+                    held.pop(source, None)
+            if not left[number]:
+                held.pop(number, None)
+            for reader in readers[number]:
+                waiting[reader] -= 1
+                if not waiting[reader]:
+                    heapq.heappush(ready, (place[reader], reader))
+        return best
+
+    # -- one batch ----------------------------------------------------------------------------------------------------
+
+    def through(self, batch: Batch) -> _Batch:
+        """The cells of a batch one after the other, each dropped behind its last reader."""
+        jobs, exports = batch.jobs, set(batch.exports)
+        given = {piece for refs in batch.imports.values() for ref in refs for piece in self.pieces.get(ref, {})}
+        readers: dict[CellRef, int] = {}
+        for job in jobs:
+            for ref in job.needs:
+                readers[ref] = readers.get(ref, 0) + 1
+        live: set[CellRef] = set()
+        best, done = _Batch(0.0, jobs[0].ref, 0.0), set[int]()
+        for number, job in enumerate(jobs):
+            before = self.held(live, given)
+            if job.walk is not None:
+                if job.walk.number not in done:
+                    done.add(job.walk.number)
+                    members = jobs[number : number + job.walk.members]
+                    need = self.walk(members)
+                    best = max(best, _Batch(before + need, job.ref, need + self.read(members)), key=lambda one: one.most)
+            else:
+                need = self.cell(job)
+                best = max(best, _Batch(before + need, job.ref, need + self.read([job])), key=lambda one: one.most)
+            live.add(job.ref)
+            if job.ref in self.show:
+                self.pictures += sum(self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims))
+            for ref in job.needs:
+                readers[ref] -= 1
+                if not readers[ref] and ref not in exports:
+                    live.discard(ref)
+            if not readers.get(job.ref) and job.ref not in exports:
+                live.discard(job.ref)
+        best.after = {piece: size for ref in exports for piece, size in self.pieces.get(ref, {}).items()}
+        return best
+
+    def held(self, live: set[CellRef], given: set[Piece]) -> float:
+        """Bytes of some results, each array once."""
+        found: dict[Piece, float] = {}
+        for ref in live:
+            found |= self.pieces[ref]
+        return sum(size for piece, size in found.items() if piece not in given)
+
+    def read(self, jobs: Sequence[Job]) -> float:
+        own = {job.ref for job in jobs}
+        found: dict[Piece, float] = {}
+        for job in jobs:
+            for ref in job.needs:
+                found |= self.pieces.get(ref, {}) if ref not in own else {}
+        return sum(found.values())
+
+    # -- one cell -----------------------------------------------------------------------------------------------------
+
+    def bytes(self, job: Job, variable: str) -> float:
+        return cost.bytes_of(job.writes[variable], job.grids[variable], self.plan.precision)
+
+    def picture(self, job: Job, variable: str) -> float:
+        """What stays of a variable that is shown: a small picture of three planes, and some of its rows."""
+        size = job.grids[variable]["y"].size, job.grids[variable]["x"].size
+        return 12.0 * (min(size[0] * size[1], SHOWN * SHOWN) + (self.shown * size[0] * size[1] if max(size) > SHOWN else 0))
+
+    def cell(self, job: Job) -> float:
+        """Bytes that come to what is held while a cell is computed and stored; what its result holds is noted."""
+        from etendue.run.peak_segments import segment_bytes
+
+        if job.segment is not None:
+            own, working = segment_bytes(self, job)
+        elif job.left_out:
+            own, working = self._left_out(job), 0.0
+        elif job.by_band:
+            own = {(job.ref, v): self.bytes(job, v) for v in job.writes if v not in job.by_band}
+            working = self.bands_made(job) * self.plane(job) if job.store else 0.0
+        else:
+            own = {(job.ref, v): self.bytes(job, v) for v in job.writes}
+            working = self.working(job) + self.whole_of_bands(job)
+            self.tables += self.patterns(job)
+        self.pieces[job.ref] = {piece: size for piece, size in own.items() if piece[1] in job.deliver or not piece[1]}
+        made = sum(size for piece, size in own.items() if piece[0] == job.ref)
+        packed = [min(self.bytes(job, v), LARGEST_CHUNK) for v in job.store if v not in job.by_band]
+        return made + max(working, 0.0 if self.in_memory else max(packed, default=0.0))
+
+    def _left_out(self, job: Job) -> dict[Piece, float]:
+        """What is left out gives what it reads."""
+        found: dict[Piece, float] = {}
+        for _, ref, variable in job.inputs:
+            found |= {piece: size for piece, size in self.pieces.get(ref, {}).items() if piece[1] == variable and variable in job.writes}
+        return found
+
+    def working(self, job: Job) -> float:
+        """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it says."""
+        read = sum(self.size * grid.count for grid in job.input_grids.values())
+        written = sum(self.size * grid.count for grid in job.grids.values())
+        mapped = 1
+        if job.mapped:
+            for _, coordinate in job.mapped.dims:
+                mapped *= coordinate.size
+        return self.factor(job) * max(read, written) / mapped
+
+    def factor(self, job: Job) -> float:
+        """How many times what it reads or writes a stage works with: scenes are made in float64, and brought to the precision of the run."""
+        return job.stage.working + (2.0 if is_source(type(job.stage)) and self.size == 4 else 0.0)
+
+    def whole_of_bands(self, job: Job) -> float:
+        """Light by band that a stage asks for as a whole."""
+        large = [self.size * g.count for port, ref, v in job.inputs if (g := job.input_grids.get(port)) and self._by_band(ref, v)]
+        seen = [(ref, what) for _, what, pairs in job.looking.ports for _, ref in pairs] if job.looking else []
+        looked = [self.bytes(self.jobs[ref], what) for ref, what in seen if self._by_band(ref, what)]
+        return float(sum(large) + 2 * max(looked, default=0.0))
+
+    def _by_band(self, ref: CellRef, variable: str) -> bool:
+        return ref in self.jobs and variable in self.jobs[ref].by_band
+
+    def patterns(self, job: Job) -> float:
+        """What belongs to the sensor is remembered."""
+        if "rng_sensor" not in arguments_of(type(job.stage)):
+            return 0.0
+        size = max(self.size * grid["y"].size * grid["x"].size for grid in job.grids.values() if "y" in grid and "x" in grid)
+        return 0.0 if job.walk and size > LARGEST_PATTERN else size
+
+    def plane(self, job: Job) -> float:
+        """Bytes of the largest band of what a cell reads and writes."""
+        grids = (*job.input_grids.values(), *job.grids.values())
+        return float(max((self.size * g["y"].size * g["x"].size for g in grids if "y" in g and "x" in g), default=0))
+
+    def padded(self, job: Job) -> float:
+        """Bytes of a band with its border, about those of its half spectrum."""
+        grids = [g for g in job.input_grids.values() if "y" in g and "x" in g]
+        return float(max((self.size * padded_size(g["y"].size) * padded_size(g["x"].size) for g in grids), default=0))
+
+    def bands_made(self, job: Job) -> float:
+        """How many bands are held while one of a cell is made: those of the stages that it starts from too."""
+        found = 1.0 + max(self.factor(job), WITHOUT_BANDS * 8 / self.size)
+        for _, ref, variable in job.inputs:
+            if self._by_band(ref, variable) and not self.jobs[ref].store:
+                found = max(found, 1.0 + self.bands_made(self.jobs[ref]))
+        return found
+
+    # -- walks --------------------------------------------------------------------------------------------------------
+
+    def walk(self, members: Sequence[Job]) -> float:
+        """Bytes of cells that are worked strip by strip: what others want of them whole, strips of all that stands between them."""
+        whole, strips, working = 0.0, 0.0, 0.0
+        for job in members:
+            walk = job.walk
+            assert walk is not None
+            own = {(job.ref, v): self.bytes(job, v) for v in job.writes}
+            placed = sum(own[job.ref, v] for v in walk.places if (job.ref, v) in own)
+            whole += sum(own[job.ref, v] for v in walk.whole) - placed
+            rows = next(job.grids[v]["y"].size for v, d in job.writes.items() if has_rows(d.dims))
+            halo = 0 if job.left_out else halo_of(job.stage) or 0
+            share = min((walk.rows + 2 * halo) / rows, 1.0)
+            if not job.left_out:
+                strips += share * sum(own.values())
+                working = max(working, share * self.working(job))
+                self.tables += self.patterns(job)
+            self.pieces[job.ref] = {piece: size for piece, size in own.items() if piece[1] in walk.whole and piece[1] in job.deliver}
+        packed = [min(self.bytes(job, v), LARGEST_CHUNK) for job in members for v in job.store]
+        return whole + max(strips + working, 0.0 if self.in_memory else max(packed, default=0.0))

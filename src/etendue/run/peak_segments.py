@@ -1,0 +1,56 @@
+"""What cells of transfer functions hold while they are computed: spectra, tables, planes with their border.
+
+In:  a ``Job`` of a segment, and the run that it is of.
+Out: bytes of its result by piece, and bytes that come to them for a while.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from etendue.run.job import Job
+from etendue.spec.capabilities import Summed
+from etendue.spec.grid import Grid
+
+AHEAD = 2  # bands: one is used while the next one is made
+ON_CELLS = 0.27  # of a band with its border: the table of a transfer function on cells, which is even along y
+
+
+def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
+    """What the result of a transfer stage holds, its spectrum under '', and what it works with."""
+    segment, wanted = job.segment, bool(job.store or job.deliver)
+    assert segment is not None
+    if not (job.spectrum or wanted):
+        return {}, 0.0
+    (name,) = job.writes
+    grid = job.input_grids[job.inputs[0][0]]
+    own = {(job.ref, name): run.bytes(job, name)} if wanted and name not in job.by_band else {}
+    if grid.line("y").cells or segment.joined is not None:
+        return own, _by_band(run, job, grid)
+    spectrum = grid.bands().size * run.padded(job)
+    begun = spectrum if segment.previous is None else 0.0  # planes with their border
+    if isinstance(job.stage, Summed):
+        return own, max(begun, 2 * _channels(job) * run.padded(job))
+    if job.left_out:
+        return own | ({(job.ref, ""): spectrum} if job.spectrum else {}), begun
+    run.tables += 0.5 * spectrum
+    if job.spectrum:
+        own[job.ref, ""] = spectrum
+    return own, (spectrum if wanted else begun) + (0.0 if job.spectrum else spectrum)
+
+
+def _by_band(run: Any, job: Job, grid: Grid) -> float:
+    """The same of a cell that goes through the bands of the segment's input one by one."""
+    _, ref, variable = job.inputs[0]
+    made = variable in run.jobs[ref].by_band and not run.jobs[ref].store
+    planes, padded = run.bands_made(run.jobs[ref]) if made else 1.0, run.padded(job)
+    if not isinstance(job.stage, Summed):
+        return float(planes * run.plane(job) + 4 * padded) if job.store or not job.by_band else 0.0
+    if grid.line("y").cells:
+        run.tables += ON_CELLS * grid.bands().size * padded
+    return float(AHEAD * planes * run.plane(job) + (4 + 2 * _channels(job)) * padded)
+
+
+def _channels(job: Job) -> float:
+    out = next(iter(job.grids.values()))
+    return out.count / (out["y"].size * out["x"].size)
