@@ -22,8 +22,8 @@ from etendue import hookspecs
 from etendue.errors import PluginError, nearest
 from etendue.guests import Guest
 from etendue.interrupts import is_ours
-from etendue.process import FOLDER
-from etendue.telling import here, said
+from etendue.process import FOLDER, return_to
+from etendue.telling import said
 
 if TYPE_CHECKING:
     from importlib.metadata import Distribution, EntryPoint
@@ -62,9 +62,7 @@ def foreign(what: str, guest: str = "") -> Iterator[None]:
             raise
         raise PluginError(f"{what}: {' '.join(said(error).split())[:300]}") from error
     finally:
-        FOLDER.end(who)
-        if folder and here() != folder:  # the rest of a request is read where it was made
-            os.chdir(folder)
+        FOLDER.end(who, lambda: return_to(folder))  # the rest of a request is read where it was made
 
 
 def named(distribution: Distribution) -> tuple[str, str]:

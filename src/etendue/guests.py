@@ -69,14 +69,8 @@ class Guest:
             _came_back(self.name)
         _here.count -= 1
         EXIT.__exit__()
-        _STATE.end(self.who)
-        umask, limit = self.found
-        changed = []
-        if (left := os.umask(umask)) != umask:
-            changed.append(f"the umask to {left:03o}")
-        if sys.getrecursionlimit() != limit:
-            changed.append(f"the recursion limit to {sys.getrecursionlimit()}")
-            sys.setrecursionlimit(limit)
+        changed: list[str] = []
+        _STATE.end(self.who, lambda: changed.extend(_put_back(*self.found)))
         if self.ordinary and not ordinary():
             changed.append("how numbers are rounded")
             _arithmetic_again()
@@ -113,6 +107,15 @@ def _now() -> tuple[int, int]:
 
 
 _STATE = Before(_now)
+
+
+def _put_back(umask: int, limit: int) -> Iterator[str]:
+    """What of them was another, in words."""
+    if (left := os.umask(umask)) != umask:
+        yield f"the umask to {left:03o}"
+    if (left := sys.getrecursionlimit()) != limit:
+        sys.setrecursionlimit(limit)
+        yield f"the recursion limit to {left}"
 
 
 def ordinary() -> bool:

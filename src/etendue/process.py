@@ -8,6 +8,7 @@ Taken back by each who made it, in whatever order they end, a change stays for e
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 import warnings
@@ -58,9 +59,13 @@ class Before(Generic[_Found]):
             self.inside[who] = found
         return who, found
 
-    def end(self, who: object) -> None:
+    def end(self, who: object, put_back: Callable[[], object]) -> None:
+        """Whoever ends. Between what is put back and this end nobody begins: it would take what is left for what stood before."""
         with self.lock:
-            self.inside.pop(who, None)
+            try:
+                put_back()
+            finally:
+                self.inside.pop(who, None)
 
     def abandon(self) -> None:
         """Somebody will never end: what stands now is what those who begin from now on put back."""
@@ -119,6 +124,12 @@ def _but(some: Iterable[Any], filters: Iterable[Any]) -> list[Any]:
 def _set(filters: Any, wanted: list[Any]) -> None:
     filters[:] = wanted
     warnings._filters_mutated()  # type: ignore[attr-defined]
+
+
+def return_to(folder: str) -> None:
+    """The working folder; '' where it had been removed."""
+    if folder and here() != folder:
+        os.chdir(folder)
 
 
 FOLDER, WARNED = Before(here), Before(Warned)  # in front of all foreign code that is under way

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from etendue.guests import Guest, ordinary
+from etendue.process import Before
 from etendue.run.ownership import handed
 from etendue.run.tables import SensorRandom
 from etendue.spec.grid import Grid, Line
@@ -165,3 +166,27 @@ def test_distributions_that_are_only_installed_end_nothing_and_leave_files_that_
     )  # fmt: skip
     assert stages.returncode == 0 and "twice" in stages.stdout
     assert "leaving 1.0 cannot be read: its manifest leaving: SystemExit: os._exit(0)" in stages.stdout + stages.stderr
+
+
+def test_who_begins_while_another_ends_takes_nothing_of_what_it_left_for_what_stood_before():
+    """Slowly: the folder is being put back while somebody else begins."""
+    stands, begun = ["before"], threading.Event()
+    state = Before(lambda: stands[0])
+    who, before = state.begin()
+    stands[0] = "left behind"
+    seen = []
+
+    def begins():
+        begun.set()
+        seen.append(state.begin()[1])
+
+    def slowly():
+        thread.start()
+        begun.wait(10)
+        thread.join(0.2)
+        stands[0] = before
+
+    thread = threading.Thread(target=begins)
+    state.end(who, slowly)
+    thread.join(10)
+    assert seen == ["before"]

@@ -88,7 +88,7 @@ def test_behind_a_run_nothing_is_held_but_what_was_asked_for(asked):
 
 def test_so_it_is_behind_a_study():
     plan = make_plan(load(LIGHT, {"sweep.camera.f_number": [2, 2.8, 4, 5.6]}), installed_stages())
-    wanted = {ref: ("white_irradiance",) for ref in plan.cells if ref[0] == "falloff"}
+    wanted = {ref: ("irradiance",) for ref in plan.cells if ref[0] == "falloff"}
     collect(plan, wanted, Options("serial"))
     tracemalloc.start()
     try:

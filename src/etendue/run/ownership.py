@@ -9,7 +9,6 @@ readers are given views. What a stage still holds on to, or shows a view of, is 
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -20,9 +19,8 @@ import numpy as np
 
 from etendue import guests
 from etendue.errors import PluginError
-from etendue.process import FOLDER, WARNED
+from etendue.process import FOLDER, WARNED, return_to
 from etendue.run.job import Job
-from etendue.telling import here
 
 _NOBODY = nullcontext()
 _Given = ParamSpec("_Given")
@@ -124,9 +122,7 @@ def in_its_place() -> Iterator[None]:
     try:
         yield
     finally:
-        FOLDER.end(who)
-        if folder and here() != folder:
-            os.chdir(folder)
+        FOLDER.end(who, lambda: return_to(folder))
 
 
 _QUIET = Context()
@@ -143,8 +139,7 @@ def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _G
     try:
         return _QUIET.copy().run(work, *given, **named)
     finally:
-        WARNED.end(who)
-        warned.put_back()
+        WARNED.end(who, warned.put_back)
 
 
 def abandoned() -> None:
