@@ -53,7 +53,7 @@ name = "scene"
 white_luminance = "1000 cd m-2"
 width = "96 um"
 height = "96 um"
-spacing = "1 um"
+spacing = "2 um"
 wavelength_from = "400 nm"
 wavelength_to = "700 nm"
 bin_width = "100 nm"
@@ -61,11 +61,7 @@ bin_width = "100 nm"
 [[stages]]
 use = "irradiance"
 [[stages]]
-use = "falloff"
-[[stages]]
 use = "diffraction"
-[[stages]]
-use = "diffusion"
 [[stages]]
 use = "pixel"
 rows = 32
@@ -77,8 +73,6 @@ use = "exposure"
 [[stages]]
 use = "shot_noise"
 [[stages]]
-use = "read_noise"
-[[stages]]
 use = "adc"
 [[stages]]
 use = "linearise"
@@ -87,8 +81,6 @@ use = "demosaic_bilinear"
 name = "demosaic"
 [[stages]]
 use = "sharpen"
-[[stages]]
-use = "exposure_report"
 [[stages]]
 use = "resolution"
 """

@@ -92,6 +92,25 @@ def test_the_airy_disc_of_the_pipeline_is_that_of_its_block():
     assert shown.split() == ["airy_diameter", f"{float(found['lens_numbers'].airy_diameter):.5g}", "um"]
 
 
+@pytest.mark.long
+def test_the_comparison_of_both_orders_is_what_its_command_prints(tmp_path):
+    shown = [body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py order paper paper_order"]
+    last = {"paper": ["sharpen.rgb_camera", "rgb_display"], "paper_order": ["dynamic_range_clip.rgb_camera", "rgb_display"]}
+    for name, want in last.items():
+        simulate(ROOT / "pipelines" / f"{name}.toml", archive=tmp_path / name, want=want, scheduler="serial")
+    assert shown == ["\n".join(numbers.lines(numbers.order(tmp_path / "paper", tmp_path / "paper_order"))) + "\n"]
+
+
+@pytest.mark.long
+def test_three_times_in_both_orders_are_what_their_command_prints(tmp_path):
+    shown = [body for command, body in CONSOLE if command == "python benchmarks/paper_numbers.py times times times_order"]
+    wanted = {"paper": ["clipped_fraction", "mean_snr"], "paper_order": ["dynamic_range_clip.rgb_camera"]}
+    for name, want in wanted.items():
+        given = {"archive": tmp_path / name, "want": want, "integration_time": ["1 ms", "8 ms", "64 ms"]}
+        simulate(ROOT / "pipelines" / f"{name}.toml", scheduler="serial", **given)
+    assert shown == ["\n".join(numbers.lines(numbers.times(tmp_path / "paper", tmp_path / "paper_order"))) + "\n"]
+
+
 def headlines():
     """What the prose states, and what the kernels say."""
     nyquist = 0.5 / 5.4

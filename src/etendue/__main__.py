@@ -10,8 +10,6 @@ from etendue import interrupts
 def main() -> None:
     """Run the command line as a process of its own."""
     interrupts.install()
-    import os
-
     code = 1
     try:
         from etendue.cli import main as command
@@ -22,13 +20,14 @@ def main() -> None:
     _flush()
     _last_words()
     _flush()
-    os._exit(code)  # a thread that a plugin has left behind holds nobody up, and a late signal finds no interpreter half taken down
+    interrupts.end_now(code)  # a thread that is left behind holds nobody up, and a late signal finds no interpreter half taken down
 
 
 def _last_words() -> None:
     """What was asked to be done at the end of the process."""
     import atexit
 
+    interrupts.ends()
     try:
         atexit._run_exitfuncs()
     except BaseException:  # said on stderr by whoever raised it

@@ -10,7 +10,7 @@ import os
 import re
 import threading
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, fields
 from functools import cache
 from types import ModuleType
@@ -20,6 +20,7 @@ import pluggy
 
 from etendue import hookspecs
 from etendue.errors import PluginError, nearest
+from etendue.guests import Guest
 from etendue.interrupts import is_ours
 from etendue.process import FOLDER
 from etendue.telling import here, said
@@ -47,11 +48,15 @@ class Brought:
 
 
 @contextmanager
-def foreign(what: str) -> Iterator[None]:
-    """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is put back."""
+def foreign(what: str, guest: str = "") -> Iterator[None]:
+    """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is put back.
+
+    ``guest``: its name, if it is another distribution's than this.
+    """
     who, folder = FOLDER.begin()
     try:
-        yield
+        with Guest(guest) if guest else nullcontext():
+            yield
     except BaseException as error:  # a module that ends the process at import is broken like any other
         if is_ours(error):
             raise
@@ -140,6 +145,7 @@ class Discovery:
         if broken in self._broken:
             raise PluginError(self._broken[broken])
         plugin = f"{origin} {point.value}"
+        guest = "" if key[0] == OWN else f"{origin}, when it was imported,"
         with self._lock:  # not while its hooks are being registered
             known: ModuleType | None = self._manager.get_plugin(plugin)
         if known is not None:
@@ -147,7 +153,7 @@ class Discovery:
         module: Any = None
         try:
             # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would break all.
-            with foreign(f"{origin} cannot be read: its manifest {point.value}"):
+            with foreign(f"{origin} cannot be read: its manifest {point.value}", guest):
                 module = point.load()
                 if getattr(getattr(module, "__spec__", None), "_initializing", False):
                     return None
@@ -169,7 +175,8 @@ class Discovery:
     def _asked(self, module: ModuleType, what: str, distribution: str, version: str) -> dict[str, Brought]:
         others = self._manager.get_plugins() - {module}
         hook = f"etendue_{what}"
-        with foreign(f"{distribution} {version}: its {hook} breaks off"):
+        origin = f"{distribution} {version}"
+        with foreign(f"{origin}: its {hook} breaks off", "" if distribution == OWN else f"{hook} of {origin}"):
             answers = self._manager.subset_hook_caller(hook, others)()
         for answer in answers:
             if not isinstance(answer, Mapping) or not all(isinstance(name, str) for name in answer):

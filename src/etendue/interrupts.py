@@ -16,6 +16,7 @@ from types import FrameType
 
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 PATIENCE = 3  # so many signals end a process that does not come to an end by itself
+end_now = os._exit  # taken before any plugin can put something in its place
 INTACT = "interrupted; the archive is intact, run again to go on"
 
 
@@ -36,6 +37,7 @@ class _State:
     noted = 0
     count = 0
     holding = 0
+    ending = False
 
 
 def install() -> None:
@@ -43,6 +45,21 @@ def install() -> None:
     _State.owner = os.getpid()
     _State.answered = tuple(number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN)
     _arm()
+
+
+def owns() -> bool:
+    """Whether this is a process of ours, all of whose signals are answered here."""
+    return _State.owner == os.getpid()
+
+
+def ends() -> None:
+    """All is done but what was asked to be done at the very end."""
+    _State.ending = True
+
+
+def ending() -> bool:
+    """Whether that is so."""
+    return _State.ending
 
 
 def _arm() -> None:
@@ -66,11 +83,11 @@ def _answer(number: int, frame: FrameType | None) -> None:
     _State.count += 1
     if _State.holding and _State.count < PATIENCE:
         return
-    if _State.owner == os.getpid():
+    if owns():
         leave()
     if not _State.owner:
         raise KeyboardInterrupt
-    os._exit(128 + number)  # a child that was forked
+    end_now(128 + number)  # a child that was forked
 
 
 def leave() -> None:
@@ -79,7 +96,7 @@ def leave() -> None:
         os.write(2, f"{_State.line}\n".encode())
     except OSError:  # nobody listens
         pass
-    os._exit(128 + (_State.noted or signal.SIGINT))
+    end_now(128 + (_State.noted or signal.SIGINT))
 
 
 def check() -> None:

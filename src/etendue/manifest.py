@@ -27,8 +27,14 @@ def etendue_stages() -> dict[str, str]:
 
 @hookimpl
 def etendue_variables() -> dict[str, Any]:
-    found, better = _table("variables"), {name: word for word, names in _table("better").items() for name in names}
-    return {name: {**declared, "better": better[name]} if name in better else declared for name, declared in found.items()}
+    found = {name: dict(declared) for name, declared in _table("variables").items()}
+    for word, names in _table("better").items():
+        for name in names:
+            found[name]["better"] = word
+    for word, names in _table("subjects").items():
+        for rank, name in enumerate(names):
+            found[name] |= {"subject": word, "rank": rank}
+    return found
 
 
 @hookimpl

@@ -41,6 +41,7 @@ class Picture:
     values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
     full: float
     note: str = ""
+    table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness, y first
 
 
 def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
@@ -104,6 +105,7 @@ def _plain(path: str) -> Picture:
         if picture.format == "PNG":
             points = png_note(path)
             note = note if points is None else points
+        table = _steps(getattr(picture, "quantization", None), turn)
         if mode not in _MODES:
             raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
         deep = picture.format == "PNG" and _png_depth(path) == 16
@@ -122,7 +124,15 @@ def _plain(path: str) -> Picture:
                 values = np.asarray(picture.convert("L"))[..., None]
             else:
                 values = np.asarray(picture.convert("RGB"))
-    return Picture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note)
+    return Picture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
+
+
+def _steps(tables: Any, turn: int) -> Any:
+    """The first quantisation table of a JPEG, as the picture stands when it is upright."""
+    if not tables or len(tables.get(0, ())) != 64:
+        return None
+    table = np.asarray(tables[0], float).reshape(8, 8)
+    return table.T if turn >= 5 else table
 
 
 def _png_depth(path: str) -> int:

@@ -74,7 +74,7 @@ class Registry:
         if isinstance(kind, str):
             if ":" not in kind:
                 raise PluginError(f"{origin} cannot be loaded: it stands at {kind!r}; expected 'module:Class', or the class")
-            with foreign(f"{origin} cannot be loaded"):
+            with foreign(f"{origin} cannot be loaded", "" if brought.distribution == OWN else f"{origin}, when it was imported,"):
                 kind = EntryPoint(name, kind, "").load()
         try:
             reads_of(kind), writes_of(kind), parameters_of(kind), arguments_of(kind)

@@ -57,7 +57,10 @@ def schema(registry: Registry) -> dict[str, Any]:
             "leave_out": {"type": "boolean", "default": True},
             "precision": {"enum": ["auto", "float32", "float64"], "default": "auto"},
             "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables that are computed for"},
-            "keep": {"anyOf": [NAMES, {"type": "string"}], "description": "variables that are stored; all: everything computed"},
+            "keep": {
+                "anyOf": [NAMES, {"type": "string"}],
+                "description": "variables that are stored; all: everything computed; looks: pictures and figures, not the bands of light",
+            },
             "requires": {"anyOf": [NAMES, {"type": "string"}], "description": "distributions whose stages are used"},
             "most_cells": {"type": "integer", "minimum": 1},
             "variant": {"type": "string"},

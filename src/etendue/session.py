@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue import interrupts
+from etendue.calls import called
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
@@ -172,7 +173,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
     began, at = time.perf_counter(), where_shown(plan)
     with keeping as keeper:
         work = keeper.begin(plan)
-        shown = {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
+        shown = dict(work.shown) or {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
         show = frozenset(ref for ref in shown.values() if keeper.draws and ref in work.todo)
         place = keeper.place if options.scheduler in ("serial", "threads") else None
         looks = thumbnails.looks(work.plan, shown.values()) if keeper.draws else {}
@@ -337,6 +338,7 @@ def check_timeout(options: Options) -> None:
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
 
 
+@called
 def simulate(
     pipeline: str | Path | Mapping[str, Any] | Source,
     *,

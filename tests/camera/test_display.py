@@ -63,6 +63,7 @@ def test_every_rgb_space_has_a_matrix_that_keeps_its_white(name):
     assert_allclose(space_to_xyz(name), spectra.rgb_space_matrix(name)[0], atol=6e-4)
 
 
+@pytest.mark.long
 def test_the_names_of_the_rgb_spaces_are_those_of_the_library():
     import colour as library
 

@@ -210,7 +210,10 @@ def reference(request):
 
 @pytest.mark.parametrize(
     "options",
-    [{"scheduler": "threads", "workers": 2, "batch_seconds": 0.0}, {"scheduler": "processes", "workers": 2, "batch_seconds": 0.02}],
+    [
+        {"scheduler": "threads", "workers": 2, "batch_seconds": 0.0},
+        pytest.param({"scheduler": "processes", "workers": 2, "batch_seconds": 0.02}, marks=pytest.mark.long),
+    ],
     ids=lambda o: o["scheduler"],
 )
 def test_schedulers_and_batches_change_no_bit_of_cells(reference, options):

@@ -40,6 +40,12 @@ def test_a_stage_that_changes_what_was_read_before_it_is_told_to_move_up():
     assert not any("move" in text for text in notes("diffraction", "pixel", "mosaic", "crosstalk", "exposure", crosstalk="through_filter"))
 
 
+def test_frames_that_end_in_one_picture_are_in_their_place():
+    """The time of the merged picture is another quantity than that of each frame, which was read before."""
+    bursts = "bracket exposure shot_noise adc linearise white demosaic_bilinear merge_frames colour_fit camera_to_xyz".split()
+    assert not any("move" in text for text in notes("diffraction", "pixel", "mosaic", *bursts))
+
+
 def test_diffraction_that_counts_twice_and_coma_on_the_axis_are_noted():
     twice = notes("diffraction", {"use": "wavefront", "coma": 0.2}, "pixel")
     assert any("counts twice" in text for text in twice)

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from etendue.cli import main
-from etendue.report.terminal import short_axes
+from etendue.report.terminal import _out, _print_whole, print_archive, short_axes
 from etendue.studies.files import finite
+from tests.fresh import process
 
 SMALL = """
 name = "small"
@@ -65,9 +66,7 @@ def strict(text):
 
 
 def etendue(*arguments, cwd=None, env=None):
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", *arguments], capture_output=True, text=True, cwd=cwd, env={**os.environ, **(env or {})}
-    )
+    return process(*arguments, cwd=cwd, env={**os.environ, **(env or {})})
 
 
 @pytest.fixture
@@ -105,16 +104,16 @@ def test_help_costs_no_import_of_arrays_or_drawing(arguments, tmp_path):
 
 
 def test_planning_imports_no_scheduler_no_archive_and_no_colour_science(file, tmp_path):
-    for _ in range(2):  # of a scene that is planned for the first time, what it holds must be looked at
-        code, modules = imported(["plan", file], tmp_path)
+    etendue("plan", file, cwd=tmp_path)  # of a scene that is planned for the first time, what it holds must be looked at
+    code, modules = imported(["plan", file], tmp_path)
     assert code == 0
     assert "etendue.plan.planner" in modules
     assert not modules & {"dask", "zarr", "colour", "xarray", "matplotlib", "etendue.session", "etendue.run.parallel"}
 
 
 def test_a_run_with_nothing_to_do_imports_no_scheduler_and_nothing_of_kernels(file, tmp_path):
-    for _ in range(2):
-        code, modules = imported(["run", file, "--archive", "kept"], tmp_path)
+    assert etendue("run", file, "--archive", "kept", cwd=tmp_path).returncode == 0
+    code, modules = imported(["run", file, "--archive", "kept"], tmp_path)
     assert code == 0
     assert "etendue.archive.keeper" in modules
     assert not modules & {"dask", "colour", "xarray", "pandas", "matplotlib", "PIL", "scipy.fft", "scipy.special", "scipy.ndimage"}
@@ -332,6 +331,34 @@ def test_tables_fit_eighty_columns_and_cut_no_name(file, tmp_path, command):
         assert {"demosaic_colour_difference", "exposure_report", "slanted_edge"} <= first_words
     else:
         assert {"aperture_fraction", "surface_transmission", "window_columns"} <= first_words
+
+
+@pytest.mark.parametrize("width", [80, 40, 200])
+def test_a_wide_table_goes_on_below_itself_with_every_column(width, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(width))
+    columns = tuple((f"column {n}", "left" if n == 0 else "right") for n in range(9))
+    rows = [tuple(f"{'row' if n == 0 else 'value'} {line}.{n}" for n in range(9)) for line in range(3)]
+    _print_whole(_out(), "title", columns, rows)
+    lines = capsys.readouterr().out.splitlines()
+    assert "…" not in "".join(lines) and max(map(len, lines)) <= width
+    for line, row in enumerate(rows):
+        own = [text for text in lines if text.startswith(f"row {line}.0")]
+        assert [cell for cell in row[1:] if any(cell in text for text in own)] == list(row[1:])
+    assert sum("column 0" in text for text in lines) == {200: 1, 80: 2, 40: 8 // 2}[width]
+
+
+def test_a_stage_of_several_sizes_is_shown_once(capsys):
+    """A sensor of one area has as many sizes of frames as pitches."""
+    sizes = [20, 24, 30, 40]
+    variables = [{"group": f"pixel/{n}x{n}", "variable": "photon_rate", "dims": {"pixel_pitch": 1, "channel": 3, "y": n, "x": n},
+                  "units": "electron/s"} for n in sizes]  # fmt: skip
+    stage = {"name": "pixel", "variables": variables, "cells": {"done": 4}, "planned": 4, "finished": 4}
+    print_archive({
+        "archive": "a", "pipeline": "p", "bytes": 1, "runs": 1, "running": False, "began": "", "planned": 4, "finished": 4, "rate": None,
+        "axes": {"pixel_pitch": [1.0, 2.0, 3.0, 4.0]}, "stages": [stage], "store": "a/data.zarr",
+    })  # fmt: skip
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if "done" in line or "photon_rate" in line]
+    assert lines == [["pixel", "(4", "sizes)", "4", "done", "pitch"], ["photon_rate", "channel=3", "y=20..40", "x=20..40", "[electron/s]"]]
 
 
 def test_short_names_of_axes_are_unique():

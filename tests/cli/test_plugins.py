@@ -8,6 +8,8 @@ from textwrap import dedent
 
 import pytest
 
+from tests.fresh import process
+
 MODULE = """
 from dataclasses import dataclass
 from etendue.api import Stage
@@ -53,10 +55,7 @@ def install_twice(folder, source=MODULE, name="twice", kind="Twice", distributio
 @pytest.fixture
 def etendue(tmp_path):
     def call(*arguments):
-        return subprocess.run(
-            [sys.executable, "-m", "etendue", *arguments], cwd=tmp_path, capture_output=True, text=True,
-            env={**os.environ, "PYTHONPATH": str(tmp_path / "plugins"), "COLUMNS": "200"},
-        )  # fmt: skip
+        return process(*arguments, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "plugins"), "COLUMNS": "200"})
 
     return call
 

@@ -6,8 +6,6 @@ of its own.
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ import pytest
 import xarray
 
 from tests.cli.test_plugins import hook, install
+from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "halation"
 FROM = "etendue-halation"
@@ -52,10 +51,7 @@ columns = 40
 
 
 def etendue(folder, *arguments, site=SITE):
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", *arguments], cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(site), "COLUMNS": "200", "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
+    return process(*arguments, cwd=folder, env={**os.environ, "PYTHONPATH": str(site), "COLUMNS": "200"})
 
 
 def told(folder, *arguments):
@@ -142,9 +138,7 @@ def test_a_table_is_the_same_by_its_name_and_by_its_path(place, archive):
 
 def test_a_module_of_stages_finds_its_own_quantity_when_it_is_imported_alone(place):
     script = "from halation.stages import Halation; print(Halation().film_base)"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(SITE)}
-    )
+    done = process(code=script, env={**os.environ, "PYTHONPATH": str(SITE)})
     assert done.stdout == "120.0\n"
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import click
@@ -13,6 +11,7 @@ import pytest
 
 from etendue.cli import main
 from tests.documents.pages import DOCS, ROOT, STEPS, asked_in_text, blocks, commands, commands_of, file_of
+from tests.fresh import process
 
 OTHERS = {"python3", ".venv/bin/pip", ".", "pip", "pytest"}  # what makes an environment, and what runs in one
 
@@ -65,11 +64,12 @@ class Reader:
             self._runs(words, code)
 
     def _runs(self, words: list[str], code: int) -> None:
-        asked = (
-            [sys.executable, "-m", *words] if words[0] == "etendue" else [sys.executable, "-m", *words, "-n", "0", "-p", "no:cacheprovider"]
-        )
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*self.path, os.environ.get("PYTHONPATH", "")]), "OMP_NUM_THREADS": "1"}
-        done = subprocess.run(asked, cwd=self.folder, env=environment, capture_output=True, text=True, timeout=500)
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*self.path, os.environ.get("PYTHONPATH", "")])}
+        if words[0] == "etendue":
+            done = process(*words[1:], cwd=self.folder, env=environment)
+        else:
+            script = "import pytest, sys; sys.exit(pytest.main(sys.argv[1:]))"
+            done = process(*words[1:], "-n", "0", "-p", "no:cacheprovider", code=script, cwd=self.folder, env=environment)
         assert done.returncode == code, f"{' '.join(words)}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
     def puts(self, language: str, text: str) -> None:

@@ -8,8 +8,6 @@ import base64
 import io
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +22,7 @@ from etendue.page.shots import shots
 from etendue.plots.holdings import Holdings
 from etendue.plots.opening import opened as tree_of
 from etendue.plots.strip import show
+from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "halation"  # brings `halo`, a map from 0 to 20 percent
 STAGES = """irradiance halation pixel mosaic defects exposure shot_noise adc linearise white balance_mosaic demosaic_bilinear colour_fit
@@ -61,10 +60,7 @@ def archives(tmp_path_factory):
     folder = tmp_path_factory.mktemp("agrees")
     for name, text in PIPELINES.items():
         (folder / f"{name}.toml").write_text(text)
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *PIPELINES], cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(SITE), "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
+    done = process(*PIPELINES, code=RUN, cwd=folder, env={**os.environ, "PYTHONPATH": str(SITE)})
     assert done.returncode == 0, done.stderr
     return folder
 

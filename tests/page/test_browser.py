@@ -146,6 +146,33 @@ def test_a_report_asks_no_network_for_anything_and_complains_of_nothing(opened, 
     assert opened.complaints == []
 
 
+FIRST = """() => {  // what stands on the first screen, and how low it reaches
+  const bottom = (which) => document.querySelector(which).getBoundingClientRect().bottom;
+  return { reach: Math.max(...['#cell .tile.large', '#front svg', '#cell .wrong', '#cell .limits', '#cell .kept'].map(bottom)),
+    open: [...document.querySelectorAll('dl.big dt')].map((one) => one.textContent),
+    tables: document.querySelectorAll('#subjects details[open]').length, title: document.querySelector('#cell h2').textContent }; }"""
+
+
+def test_the_first_screen_holds_picture_front_limit_figures_and_error(browser, file):
+    tab = Watched(browser, file.as_uri())
+    tab.page.set_viewport_size({"width": 1280, "height": 800})
+    tab.page.wait_for_selector("#front svg .star")
+    found = tab.page.evaluate(FIRST)
+    tab.context.close()
+    assert found["reach"] <= 800 and found["title"].startswith("Build f/")
+    assert 1 <= len(found["open"]) <= 8 and len(set(found["open"])) == len(found["open"]) and found["tables"] == 0
+
+
+def test_a_dot_of_the_front_goes_there_and_back(opened):
+    page = opened.page
+    chosen = page.locator(".slider output").all_text_contents()
+    opened.slide("f_number", 2 if not chosen[0].endswith("8") else 0)
+    expect(page.locator("#cell .moved button")).to_have_count(1)
+    page.click("#cell .moved button")
+    expect(page.locator("#cell .moved button")).to_have_count(0)
+    assert page.locator(".slider output").all_text_contents() == chosen
+
+
 def test_hostile_texts_stay_texts(opened):
     assert opened.page.title() == "shown · etendue"
     assert "<script>document.title='owned'</script>" in opened.page.inner_text("header")

@@ -8,7 +8,7 @@ import xarray
 
 from etendue.archive.entries import Entry
 from etendue.archive.journal import Journal
-from etendue.page.document import document
+from etendue.page.document import document, start_of
 from etendue.page.looks import picture, pictured
 from etendue.page.opened import Opened
 from etendue.page.report import reported
@@ -79,7 +79,7 @@ def test_an_interrupted_run_shows_what_is_finished_and_no_more(archive, made, tm
 def test_a_picture_of_display_values_is_the_contact_sheet_s(archive):
     opened = Opened(archive)
     frames = xarray.open_dataset(archive / "data.zarr", engine="zarr", group="frames")
-    at = document(opened, {})["start"]
+    at = start_of(opened)
     one = picture(opened, "encode", "rgb_display", at)
     sheet = frames["preview"].sel(stage="encode").to_numpy()[:, :12, :18]
     np.testing.assert_array_equal(np.moveaxis(one.eight_bit(), -1, 0), sheet)

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 import threading
 from functools import cache
 from urllib.parse import urlencode
@@ -11,7 +12,7 @@ import pytest
 import xarray
 
 from etendue.page.live import Live
-from etendue.page.server import HOST, Server
+from etendue.page.server import ANSWERING, HOST, Server
 
 AT = "f_number:1,integration_time:0"
 
@@ -140,3 +141,28 @@ def stored_of(archive, stage, variable):
 @cache
 def opened(archive):
     return xarray.open_datatree(archive / "data.zarr", engine="zarr")
+
+
+def test_connections_that_ask_nothing_take_no_threads_and_are_closed_in_time(server, monkeypatch):
+    before = threading.active_count()
+    monkeypatch.setattr("etendue.page.server.WAITING", 40)
+    held = [socket.create_connection((HOST, server.server_port)) for _ in range(60)]
+    try:
+        assert asked(server, f"/{server.token}/state")[0] == 200
+        assert threading.active_count() <= before + ANSWERING
+        held[0].settimeout(5)
+        assert held[0].recv(1) == b""  # the oldest of too many
+    finally:
+        for one in held:
+            one.close()
+
+
+def test_an_archive_that_is_gone_is_said_to_be(server):
+    folder = server.live.folder
+    server.live._seen = -1e9
+    folder.rename(folder.with_name("elsewhere"))
+    try:
+        status, _, body = asked(server, f"/{server.token}/state")
+        assert (status, b"no longer there" in body) == (410, True)
+    finally:
+        folder.with_name("elsewhere").rename(folder)

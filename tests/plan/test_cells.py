@@ -2,8 +2,6 @@
 
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +11,7 @@ from hypothesis import strategies as st
 from etendue.errors import RequestError
 from etendue.plan.planner import summary
 from etendue.registry import installed_stages
+from tests.fresh import process
 from tests.plan.given import CAMERA, SCENE, SENSOR, chain, keys_of, plan_of
 
 TENS = """
@@ -115,7 +114,7 @@ def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
     )
     cache = os.environ | {"ETENDUE_CACHE": str(tmp_path / "cache")}
     for _ in range(2):
-        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True, env=cache)
+        done = process(code=script, cwd=tmp_path, env=cache)
     loaded = {name.removeprefix("etendue.stages.") for name in done.stdout.split()}
     assert {"electronics.exposure", "optics.gathering", "scene.charts", "sensor.pixel", "False"} <= loaded
     assert not {name.split(".")[0] for name in loaded} & {"colour", "restoration", "resolution", "quality"}

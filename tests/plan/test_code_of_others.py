@@ -57,7 +57,16 @@ def edit(path):
     return data
 
 
-@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+FIRST = (
+    "a package", "relative imports", "an import in a function", "a namespace package", "modules without a package",
+    "a table beside the module", "kernels beside the manifest", "a built-in stage as a base", "an installed plugin",
+    "an installed library that knows nothing of etendue", "an installed plugin with an import that cannot be followed",
+    "code that is executed", "a compiled module",
+)  # fmt: skip
+EVERY = [pytest.param(LAYOUTS[title], id=title, marks=() if title in FIRST else pytest.mark.long) for title in LAYOUTS]
+
+
+@pytest.mark.parametrize("layout", EVERY)
 def test_an_edit_of_what_a_stage_reaches_is_seen_and_named_and_no_other(imported, layout):
     kind, root, n = imported(layout)
     place = lambda path: (sources.PACKAGE.parent if path.startswith("etendue/") else root) / named(path, n)  # noqa: E731
@@ -100,7 +109,7 @@ def test_the_same_code_elsewhere_has_the_same_digest(imported, tmp_path, monkeyp
     before = now(kind)
     for name in [name for name in sys.modules if name.startswith((f"uses{n}", f"lib{n}", f"behind{n}"))]:
         del sys.modules[name]
-    other = tmp_path / "elsewhere" / "lib"
+    other = tmp_path / "__pycache__" / ".hidden" / "lib"  # which would be nothing to see below the folder of the code
     shutil.copytree(root, other)
     for path in other.rglob("*"):  # as of a copy that keeps no times: nothing is older than its record any more
         os.utime(path)

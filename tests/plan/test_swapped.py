@@ -24,10 +24,11 @@ def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_l
         **{"scene.use": "photograph", "scene.file": "package:etendue/data/examples/picture.png", "demosaic.use": "demosaic_bilinear"}
     )
     (scene,) = plan.of("scene")
-    assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 250, 360)
+    assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 250, 700)
     cube = planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue/data/examples/cube.zarr", "scene.spacing": "60 um"})
     (note,) = (one for one in cube.warnings if "in its place" in one)
-    assert "radiance_cube has no width, height, wavelength_from, wavelength_to, bin_width" in note and "have them: white_luminance" in note
+    assert "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width" in note
+    assert "have them: white_luminance" in note
 
 
 def test_what_is_set_on_the_command_line_is_never_left_out_silently():

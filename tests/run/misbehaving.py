@@ -86,6 +86,25 @@ def chatters(light):
     return light * 1
 
 
+def overwrites(light):
+    """As an extension in C does, which knows nothing of numpy's flag."""
+    own = light.copy()
+    ctypes.memset(light.ctypes.data, 0, light.nbytes)
+    return own
+
+
+def twice(light):
+    """Also in a child, which goes on as if the run were its own."""
+    return light if os.fork() else light + 1
+
+
+def from_a_thread(light):
+    thread = threading.Thread(target=os._exit, args=(0,))
+    thread.start()
+    thread.join()
+    return light * 1
+
+
 FAILS = {  # how -> (what it does, words of the message)
     "exits": (lambda light: sys.exit(0), "SystemExit: 0"),
     "is interrupted": (lambda light: raising(KeyboardInterrupt()), "KeyboardInterrupt"),
@@ -109,9 +128,10 @@ FAILS = {  # how -> (what it does, words of the message)
     "gives too much": (lambda light: np.full(light.shape, 1e300), "NaN or infinite"),
     "gives huge numbers": (lambda light: np.full(light.shape, 10**400), "as object"),
     "writes into its input": (writes_into, "WRITEABLE"),
+    "leaves": (lambda light: os._exit(7), "os._exit(7)"),
 }
 DIES = {
-    "leaves": (lambda light: os._exit(7), "exit code 7"),
+    "leaves below Python": (lambda light: ctypes.CDLL(None)._exit(7), "exit code 7"),
     "crashes": (lambda light: ctypes.string_at(0), "SIGSEGV"),
     "is killed": (lambda light: os.kill(os.getpid(), signal.SIGKILL), "SIGKILL"),
     "hangs": (lambda light: time.sleep(600), "no answer within 2 s"),
@@ -131,6 +151,11 @@ FINE = {
     "goes elsewhere": lambda light: set_and_return(lambda: os.chdir("/"), light * 1),
     "raises on zero": lambda light: set_and_return(lambda: np.seterr(all="raise"), light * 1),
     "is strict": lambda light: set_and_return(lambda: warnings.simplefilter("error"), light * 1),
+    "writes below numpy": overwrites,
+    "comes back twice": twice,
+    "leaves from a thread": from_a_thread,
+    "hides its files": lambda light: set_and_return(lambda: os.umask(0o777), light * 1),
+    "goes deeper": lambda light: set_and_return(lambda: sys.setrecursionlimit(123_456), light * 1),
     "leaves a thread": lambda light: set_and_return(lambda: threading.Thread(target=time.sleep, args=(600,)).start(), light * 1),
 }
 WHOLE = {"gives nothing": None, "gives an array": np.ones(3), "gives too little": {}, "gives too many": {"irradiance": 1.0, 7: 2}}

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.session import Options, Outcome, execute, load
+from tests.fresh import process
 
 BARE = """
 name = "small"
@@ -166,12 +166,5 @@ def environment(**more: str) -> dict[str, str]:
 
 
 def command(*arguments: Any, **more: str) -> subprocess.CompletedProcess[str]:
-    """Run ``python -m etendue`` to its end."""
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env=environment(**more),
-        check=False,
-    )
+    """What ``python -m etendue`` says and leaves behind."""
+    return process(*arguments, env=environment(**more))

@@ -37,7 +37,7 @@ def edit(path, old="VALUE = 1.0", new="VALUE = 2.0"):
 def camera(tmp_path):
     """Runs a camera with four stages of plugins, on a copy of the package: what it says of itself. Its folder of the path."""
     path = tmp_path / "path"
-    shutil.copytree(sources.PACKAGE, path / "etendue", ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    shutil.copytree(sources.PACKAGE, path / "etendue")  # bytecode too: it is told from its source by time and size
     for n, layout in enumerate(STAGES.values()):
         layout.written(str(n), path)
     places = {name: f"{named(layout.module, str(n))}:Added" for n, (name, layout) in enumerate(STAGES.items())}

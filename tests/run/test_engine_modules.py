@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -26,6 +24,7 @@ from etendue.registry import Registry
 from etendue.run.jobs import make_jobs
 from etendue.session import load
 from etendue.spec.capabilities import is_random, is_transfer
+from tests.fresh import process
 from tests.run.small import BARE, environment
 from tests.run.test_strips import COLOUR
 
@@ -94,8 +93,7 @@ def computed(plan, folder, **more):
     jobs = make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=True)
     first = [jobs[ref] for ref in jobs if not any(ref[1])]
     (folder / "jobs").write_bytes(cloudpickle.dumps(first))
-    asked = [sys.executable, "-c", COMPUTE, str(folder / "jobs")]
-    done = subprocess.run(asked, capture_output=True, text=True, env=environment(**more), check=False, timeout=300)
+    done = process(folder / "jobs", code=COMPUTE, env=environment(**more))
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
     assert set(found["status"]) <= {"done", "left_out"}, found["status"]

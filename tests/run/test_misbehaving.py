@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import xarray
 
 from etendue.run import workers
 from tests.cli.test_plugins import install
+from tests.fresh import process
 from tests.run import misbehaving
 from tests.run.misbehaving import DIES, FAILS, FINE, WHOLE
 from tests.run.small import command, environment
@@ -41,10 +41,7 @@ def place(tmp_path_factory):
 
 def run(place, ways, *arguments):
     sweep = "naughty.how=[" + ",".join(json.dumps(way) for way in ways) + "]"
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", "run", "file.toml", "--sweep", sweep, "--json", *arguments],
-        cwd=place, env=environment(PYTHONPATH=str(place / "site")), capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    return process("run", "file.toml", "--sweep", sweep, "--json", *arguments, cwd=place, env=environment(PYTHONPATH=str(place / "site")))
 
 
 def check(place, done, archive, fails, fine):
@@ -75,6 +72,7 @@ def check(place, done, archive, fails, fine):
             assert tree["naughty/status"].sel(naughty_how=how).values == 2
             assert tree["witness/status"].sel(naughty_how=how).values == 3
     assert not list((place / archive).rglob("*.partial"))
+    assert all(path.stat().st_mode & 0o600 == 0o600 for path in (place / archive).rglob("*"))
 
 
 @pytest.mark.parametrize("scheduler", [pytest.param("serial", marks=pytest.mark.long), "threads", "processes"])
@@ -89,7 +87,7 @@ def test_a_stage_that_breaks_off_ends_its_cell_alone(place, scheduler):
 def test_a_worker_that_dies_or_hangs_ends_the_cell_at_which_it_was_alone(place):
     """In one batch with cells that behave: these are computed all the same, and again nothing but the guilty ones fails."""
     fine = ["behaves", "gives its input", "gives lists"]
-    ways = [fine[0], "leaves", "crashes", fine[1], "is killed", "hangs", fine[2]]
+    ways = [fine[0], "leaves below Python", "crashes", fine[1], "is killed", "hangs", fine[2]]
     done = run(place, ways, "--scheduler", "processes", "--workers", "2", "--archive", "dies", "--cell-timeout", "2")
     check(place, done, "dies", {how: words for how, (_, words) in DIES.items()}, fine)
 
@@ -128,6 +126,6 @@ def test_a_worker_whose_owner_is_gone_ends_without_a_word(monkeypatch):
         raise Ended(code)
 
     monkeypatch.setattr(workers, "begin_worker", lambda: None)
-    monkeypatch.setattr(workers.os, "_exit", leave)
+    monkeypatch.setattr(workers, "end_now", leave)
     with pytest.raises(Ended, match="1"):
         workers.serve(Closed())

@@ -111,6 +111,7 @@ diffraction.use = [
     return folder
 
 
+@pytest.mark.long
 def test_a_swept_parameter_before_the_axis_that_chooses_its_stage_stays(swapped):
     ledger = xarray.open_dataset(swapped / "data.zarr", engine="zarr", group="ledger").load()
     own = ledger.isel(cell=ledger.stage.values.astype(object) == "diffraction")

@@ -137,7 +137,7 @@ def test_requests_without_meaning_are_refused(settings, message):
 
 
 def test_in_the_dark_there_is_no_information():
-    report = information(camera(CAMERA.replace("10 ms", "1e-9 s")), installed_stages(), count=0)
+    report = information(camera(CAMERA.replace("10 ms", "1e-9 s"), side=272), installed_stages(), count=0)
     assert all(0 <= row.bits < 1e-4 for row in report.rows)
 
 
@@ -149,7 +149,7 @@ def test_a_camera_without_a_mosaic_is_refused():
 
 def test_both_commands_print_and_give_json(tmp_path):
     path = tmp_path / "small.toml"
-    path.write_text(CAMERA.format(demosaic="demosaic_bilinear", camera="", side=480))
+    path.write_text(CAMERA.format(demosaic="demosaic_bilinear", camera="", side=272))
     for words in (["information", str(path), "--frames", "0"], ["losses", str(path), "--runs", "0"]):
         shown = CliRunner().invoke(main, words)
         assert shown.exit_code == 0, shown.output

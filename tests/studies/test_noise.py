@@ -11,6 +11,8 @@ from etendue.cli import main
 from etendue.errors import RequestError
 from etendue.registry import installed_stages
 from etendue.session import load
+from etendue.studies.information import information
+from etendue.studies.losses import losses
 from etendue.studies.noise import noise
 
 CAMERA = """
@@ -167,8 +169,24 @@ def test_a_camera_without_a_mosaic_a_small_picture_and_nonsense_are_refused():
     bare = load(
         "name = 'x'\n[camera]\npeak_qe = [0.4]\n[[stages]]\nuse = 'uniform'\nwhite_luminance = 100\n[[stages]]\nuse = 'irradiance'\n"
     )
-    with pytest.raises(RequestError, match="no mosaic_linear"):
+    with pytest.raises(RequestError, match="no stage of the pipeline writes mosaic_linear"):
         noise(bare, installed_stages())
+
+
+def test_a_grey_sensor_without_a_demosaicer_is_followed_up_to_its_mosaic():
+    """By noise, information and losses alike; a note says where it ends."""
+    text = CAMERA.format(demosaic="demosaic_bilinear", camera='pattern = "mono"\nsensitivity = "flat"', side=400)
+    made = load(text)
+    mono = replace(made, stages=made.stages[: 1 + next(n for n, stage in enumerate(made.stages) if stage.use == "linearise")])
+    found = noise(mono, installed_stages(), frames=1).document()
+    (row,) = found["mosaic"]
+    assert not found["rows"] and row["found"] == pytest.approx(row["predicted"], rel=0.1)
+    detail = information(mono, installed_stages(), count=0).document()
+    assert detail["rows"][0]["stage"] == "light" and detail["rows"][-1]["bits_per_pixel"] > 0.5
+    shared = losses(mono, installed_stages(), runs=0).document()
+    assert {one["what"] for one in shared["losses"]} == {"contrast", "SNR"}
+    for study, what in ((found, "noise"), (detail, "detail"), (shared, "detail")):
+        assert f"no stage makes a picture of mosaic_linear: {what} is followed up to linearise" in study["notes"]
 
 
 def test_the_command_prints_tables_and_strict_json(tmp_path):

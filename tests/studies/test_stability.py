@@ -3,8 +3,6 @@
 import json
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +13,7 @@ from etendue.spec.stage import parameters_of
 from etendue.studies.stability import cameras, kernels, study
 from etendue.studies.stability.rows import Row, counts, document, groups
 from etendue.testing.cases import CORNER, END, INSIDE, ORDINARY, cases, ordinary
+from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "naive"
 FAULTS = {  # every fault of a naive stage, and the law that names it
@@ -33,10 +32,7 @@ FAULTS = {  # every fault of a naive stage, and the law that names it
 
 
 def etendue(folder, *arguments, site=SITE):
-    return subprocess.run(
-        [sys.executable, "-m", "etendue", *arguments], cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(site), "COLUMNS": "120", "OMP_NUM_THREADS": "1"},
-    )  # fmt: skip
+    return process(*arguments, cwd=folder, env={**os.environ, "PYTHONPATH": str(site), "COLUMNS": "120"})
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,12 @@ the lines that are at fault (none where something is lacking).
 """
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from etendue.cli import main
+from tests.fresh import process
 
 FOLDER = Path(__file__).parent
 FILES = sorted(path.name for path in FOLDER.glob("*.toml"))
@@ -83,7 +82,7 @@ def test_run_refuses_it_too_and_leaves_no_archive_behind(name, capsys, monkeypat
 @pytest.mark.parametrize("name", ["several_faults.toml", "not_toml.toml", "sensor_wider_than_the_light.toml"])
 def test_as_a_command_of_its_own_it_is_the_same(name, capsys, monkeypatch):
     monkeypatch.chdir(FOLDER)
-    done = subprocess.run([sys.executable, "-m", "etendue", "plan", name], cwd=FOLDER, capture_output=True, text=True)
+    done = process("plan", name, cwd=FOLDER)
     assert (done.returncode, done.stdout, done.stderr) == etendue(["plan", name], capsys)
 
 

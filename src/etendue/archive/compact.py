@@ -93,6 +93,18 @@ def compact(old: Path, new: Path) -> Compacted:
     return replace(done, folder=new)
 
 
+def aside_of(folder: Path) -> Path:
+    """Where an archive is written anew: beside its place."""
+    whole = folder.resolve()
+    return whole.with_name(f".{whole.name}{ASIDE}")
+
+
+def left_by_compact(folder: Path) -> str:
+    """The folder in which one that was killed has begun another archive in the place of this one; '' where there is none."""
+    aside = aside_of(folder)
+    return str(aside) if aside.is_dir() and not aside.is_symlink() else ""
+
+
 def locked(folder: Path, how: int) -> int:
     """The open lock of an archive that nobody is writing to."""
     lock = os.open(folder / "lock", os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)

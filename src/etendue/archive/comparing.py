@@ -6,7 +6,7 @@ Out: a ``Compared`` for every variable of every cell, in the reports of the run;
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,14 +70,19 @@ class Comparing:
 
 
 class ComparingKeeper:
-    """Use as a context manager. ``compared`` holds what was found, ``reports`` what became of each cell."""
+    """Use as a context manager. ``reports``: what became of each cell; ``sheet``: pictures of the cells ``shown``, one
+    of each stage, of the variables ``drawn``."""
 
     folder: Path | None = None
-    keeps_arrays, draws = False, False
+    keeps_arrays, draws = False, True
     mark: tuple[str, bytes] | None = None
 
-    def __init__(self, stored: Stored, names: Iterable[str]) -> None:
+    def __init__(
+        self, stored: Stored, names: Iterable[str], shown: Mapping[str, CellRef] | None = None, drawn: Collection[tuple[str, str]] = ()
+    ) -> None:  # fmt: skip
         self.stored_cells, self.asked = stored, set(names)
+        self.draws, self.shown, self.drawn = bool(shown and drawn), shown or {}, frozenset(drawn)
+        self.sheet: Sheet | None = None
         self.reports: dict[str, CellReport] = {}
         self.damaged: dict[str, str] = {}
 
@@ -89,14 +94,15 @@ class ComparingKeeper:
     def begin(self, asked: Plan) -> Work:
         self.names = {ref: cell_name(asked, ref) for ref in asked.cells}
         wanted = {ref for ref, name in self.names.items() if name in self.asked}
-        return Work(asked, {ref: ref for ref in asked.cells}, select(asked, set(), wanted))
+        return Work(asked, {ref: ref for ref in asked.cells}, select(asked, set(), wanted), shown=self.shown)
 
     def target(self, cell: Cell) -> Comparing | None:
         name = self.names[cell.ref]
         if name not in self.asked or name not in self.stored_cells.finished:
             return None
         try:
-            return Comparing(self.stored_cells.cell(name))
+            found = self.stored_cells.cell(name)
+            return Comparing(found) if found.chunks else None
         except ArchiveError as error:
             self.damaged[name] = str(error)
             return None
@@ -107,7 +113,7 @@ class ComparingKeeper:
 
     def finished(self, reports: Sequence[CellReport], arrays: Mapping[CellRef, dict[str, Any]]) -> Mapping[CellRef, dict[str, Any]]:
         self.reports.update({self.names[r.stage, r.index]: r for r in reports})
-        return {}
+        return {ref: {v: one for v, one in own.items() if (ref[0], v) in self.drawn} for ref, own in arrays.items()}
 
     def earlier(self, refs: Iterable[CellRef]) -> Iterable[CellReport]:
         return ()
@@ -126,4 +132,5 @@ class ComparingKeeper:
     def interrupted(self, tables: Mapping[str, Any], abandoned: bool) -> None: ...
 
     def close(self, tables: dict[str, Any], sheet: Sheet | None, failed: bool) -> tuple[Any, list[Path]]:
+        self.sheet = sheet
         return None, []

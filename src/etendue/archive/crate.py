@@ -39,11 +39,7 @@ def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, d
     ended = _ended(folder)
     if fresh and runs:
         ended[_action(runs[0])] = time.strftime("%Y-%m-%dT%H:%M:%S+00:00", time.gmtime())
-    crate = {
-        "@context": ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"],
-        "@graph": list(_graph(folder, plan, runs, ended)),
-    }
-    files = {NAME: json.dumps(crate, indent=1).encode()}
+    files = {NAME: json.dumps(_document(folder, plan, runs, ended), indent=1).encode()}
     about = plan.pipeline.about
     if about.authors:
         files[CITATION] = _citation(about, plan, _date(runs)).encode()
@@ -52,6 +48,18 @@ def write_crate(folder: Path, plan: Plan, known: Manifest | None, fresh: bool, d
     for name, data in files.items():
         if disk.content_of(folder / name) != data:
             disk.write(folder, name, data, durable)
+
+
+def crate_of(folder: Path, plan: Plan) -> Entity:
+    """What the crate of an archive has to say; when its runs ended, it says itself."""
+    return _document(folder, plan, list(every_record(folder)), _ended(folder))
+
+
+def _document(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, str]) -> Entity:
+    return {
+        "@context": ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"],
+        "@graph": list(_graph(folder, plan, runs, ended)),
+    }
 
 
 def _date(runs: list[Recorded]) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.archive import disk
+from etendue.archive.compact import left_by_compact
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.journal import Read, read
 from etendue.archive.manifest import NAME, damaged, read_manifest
@@ -77,6 +78,7 @@ def describe_archive(folder: Path) -> dict[str, Any]:
     return {
         "archive": str(folder), "store": str(root), "pipeline": record["pipeline"], "axes": record["axes"], "running": running,
         "began": record["began"], "runs": len(records), "bytes": size, "stages": stages, "libraries": record["libraries"],
+        "partial": left_by_compact(folder) or None,
         **progress(journal, str(record["began"]) if running else ""),
     }  # fmt: skip
 

@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from etendue.archive import disk
-from etendue.archive.compact import ASIDE, Anew, Compacted, check_in_order, locked
+from etendue.archive.compact import Anew, Compacted, aside_of, check_in_order, locked
 from etendue.archive.manifest import DATA
 from etendue.archive.reading import open_archive
 from etendue.errors import ArchiveError, MachineError
@@ -40,7 +40,7 @@ def compact_in_place(folder: Path) -> Compacted:
     """
     open_archive(folder)
     folder = folder.resolve()
-    aside = folder.with_name(f".{folder.name}{ASIDE}")
+    aside = aside_of(folder)
     locks = [locked(folder, fcntl.LOCK_EX)]
     try:
         archive = open_archive(folder)
@@ -53,20 +53,20 @@ def compact_in_place(folder: Path) -> Compacted:
             shutil.rmtree(aside, ignore_errors=True)
             size = sum(chunk.written.size for cell in archive.cells.values() for chunk in cell.chunks)
             return Compacted(folder, len(archive.cells), len(anew.shards), size, {})
-        _clear(aside, set(anew.shards))
-        free = shutil.disk_usage(folder).free
-        if needed > free:
-            raise MachineError(f"{folder}: {needed / 1e9:.2g} GB are written anew beside it, and {free / 1e9:.2g} GB are free")
         try:
+            _clear(aside, set(anew.shards))
+            free = shutil.disk_usage(folder).free
+            if needed > free:
+                raise MachineError(f"{folder}: {needed / 1e9:.2g} GB are written anew beside it, and {free / 1e9:.2g} GB are free")
             done = anew.write()
             locks.append(locked(aside, fcntl.LOCK_EX))  # whoever comes between finds it in use
             _sync(aside)
             exchange(folder, aside)
-        except Exception:
+            disk.sync_folder(folder.parent)
+        except BaseException:  # also where somebody interrupts it; what stands aside is the new one not yet, or the old one no more
             shutil.rmtree(aside, ignore_errors=True)
             raise
-        disk.sync_folder(folder.parent)
-        shutil.rmtree(aside)
+        shutil.rmtree(aside, ignore_errors=True)
     finally:
         for lock in locks:
             os.close(lock)

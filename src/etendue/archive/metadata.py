@@ -17,6 +17,7 @@ import numpy as np
 from numcodecs import VLenUTF8, Zstd
 
 from etendue.archive.chunks import CODEC, LEVEL, RAW
+from etendue.errors import ArchiveError
 
 CRC = {"name": "crc32c"}
 TEXT = "text"
@@ -78,6 +79,23 @@ def text_chunk(texts: Sequence[str]) -> bytes:
     """The one chunk of an array of texts, in C order."""
     body = Zstd(level=0).encode(VLenUTF8().encode(np.array([*texts, None], dtype=object)[:-1]))
     return bytes(body) + int(google_crc32c.value(bytes(body))).to_bytes(4, "little")
+
+
+def texts_of(data: bytes) -> list[str]:
+    """The texts of such a chunk.
+
+    Raises
+    ------
+    ArchiveError
+        It is none.
+    """
+    body, checksum = data[:-4], data[-4:]
+    if int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
+        raise ArchiveError("the stored bytes do not fit their checksum")
+    try:
+        return list(map(str, VLenUTF8().decode(Zstd().decode(body))))
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise ArchiveError(f"the stored bytes are no texts: {error}") from None
 
 
 def consolidated(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -11,9 +11,13 @@ import os
 import time
 import uuid
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+from etendue import plain_files
 from etendue.archive.behind import behind
+from etendue.errors import ArchiveError, ArchiveInUse
 
 ABANDONED = "abandoned"  # in place of the owner's name: a stage did not end when the run was interrupted
 
@@ -61,3 +65,36 @@ def is_running(folder: Path) -> bool:
         return True
     finally:
         os.close(handle)
+
+
+def owner_of(folder: Path) -> bytes:
+    """What is in ``run.id``: whoever has written to an archive last."""
+    try:
+        return plain_files.content(folder / "run.id", 4096, links=False)
+    except (OSError, ValueError):
+        return b""
+
+
+def is_written(folder: Path, before: bytes) -> bool:
+    """Whether a run owns an archive now, or has since ``before``."""
+    return is_running(folder) or owner_of(folder) != before
+
+
+@contextmanager
+def unless_written(folder: Path) -> Iterator[None]:
+    """What a reader finds lost while a run is replacing cells is under way, and not damaged.
+
+    Raises
+    ------
+    ArchiveInUse
+        In the place of another ``ArchiveError``, where a run writes to the archive, or has begun since.
+    """
+    before = owner_of(folder)
+    try:
+        yield
+    except ArchiveInUse:
+        raise
+    except ArchiveError as error:
+        if is_written(folder, before):
+            raise ArchiveInUse(f"{folder} is being written by a run; look again when it has ended ({error})") from None
+        raise

@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from etendue.archive.owner import unless_written
+from etendue.calls import called
 from etendue.errors import ArchiveError, EtendueError, RequestError
 
 if TYPE_CHECKING:
@@ -48,9 +50,12 @@ def reading(place: str | Path, exact: bool = False, inputs: bool = True) -> Iter
     ------
     ArchiveError
         There is no archive, or the store cannot be asked.
+    ArchiveInUse
+        In the place of what is said of cells that a run is replacing.
     """
     if not is_url(place):
-        yield Path(place)
+        with unless_written(Path(place)):
+            yield Path(place)
         return
     from etendue.archive.mirror import work_place
 
@@ -172,6 +177,7 @@ def placed(outcome: Any, folder: Path, place: str | Path) -> Any:
     return dataclasses.replace(outcome, archive=Url(place), pictures=named(outcome.pictures, folder, place))
 
 
+@called
 def open_archive(place: str | Path) -> xarray.DataTree:
     """An archive as a lazy ``xarray.DataTree``: arrays are read when they are asked for.
 

@@ -127,10 +127,18 @@ def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, opti
     ``plan`` holds the axis values of earlier runs too, ``asked`` those of this one; ``resolved`` is its pipeline.
     """
     number = max((int(p.stem) for p in (folder / "runs").glob("*.*") if p.stem.isdigit()), default=0) + 1
+    record = record_of(plan, asked, resolved, options)
+    disk.write(folder, f"runs/{number:04d}.toml", resolved.text.encode(), durable)
+    disk.write(folder, f"runs/{number:04d}.json", json.dumps(record, indent=1, sort_keys=True).encode(), durable)
+    return f"runs/{number:04d}.json"
+
+
+def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What is recorded of a run: compared with what is computed again (``studies.checked``), a field more by default too."""
     text = asked.pipeline.text
     for written, copy in resolved.written.items():
         text = text.replace(written, copy) if os.path.isabs(written) else text
-    record = {
+    return {
         "pipeline": plan.pipeline.name,
         "resolved": resolved.text,
         "text": text,
@@ -148,9 +156,6 @@ def write_record(folder: Path, plan: Plan, asked: Plan, resolved: Resolved, opti
         "distributions": {name: version for name, version in map(named, importlib.metadata.distributions()) if name},
         "began": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
-    disk.write(folder, f"runs/{number:04d}.toml", resolved.text.encode(), durable)
-    disk.write(folder, f"runs/{number:04d}.json", json.dumps(record, indent=1, sort_keys=True).encode(), durable)
-    return f"runs/{number:04d}.json"
 
 
 def reasons(old: Mapping[str, Any] | None, plan: Plan) -> dict[str, str]:

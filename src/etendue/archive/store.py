@@ -243,7 +243,7 @@ class Archive:
         self.journal.give_up(left)
         self._say_what_was_damaged()
         self._put({ROOT: self.tree.files()[ROOT]})  # consolidated metadata would go on serving the old shapes
-        sweep(self.folder, self.listing, self._parts_of_done_cells())
+        sweep(self.folder, self.listing, self._parts_of_done_cells() | self.blocks.parts())  # of a copy: shards that it has not yet
         self._drop_unplanned()
         self.journal.forget_axes([path for path in self.journal.axes if path not in self.layout.groups])
         self.journal.set_axes(self.laid.axes)

@@ -9,6 +9,7 @@ manifest against itself, inputs against their names. What nothing vouches for (b
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import stat
@@ -21,11 +22,12 @@ from typing import Any
 from etendue import plain_files
 from etendue.archive import disk, remembered
 from etendue.archive.again import every_record
+from etendue.archive.compact import left_by_compact
 from etendue.archive.inputs import digest_now
 from etendue.archive.journal import NAME as JOURNAL
 from etendue.archive.manifest import DATA, digest_of
 from etendue.archive.manifest import NAME as MANIFEST
-from etendue.archive.owner import is_id, is_running
+from etendue.archive.owner import is_id, is_running, is_written, owner_of
 from etendue.archive.reading import ELSEWHERE, StoredChunk
 from etendue.archive.stored import Stored
 from etendue.errors import ArchiveError, ArchiveInUse
@@ -61,11 +63,13 @@ class Verified:
     Attributes
     ----------
     beside : files and groups that no run has written and that may stand where they are
+    partial : the folder beside it that a ``compact`` has left that was killed; '' where there is none
     """
 
     folder: Path
     damages: list[Damage] = field(default_factory=list)
     beside: list[str] = field(default_factory=list)
+    partial: str = ""
     cells: int = 0
     chunks: int = 0
     bytes: int = 0
@@ -96,7 +100,7 @@ def verify(folder: Path, told: Told = lambda done, total: None) -> Verified:
         raise ArchiveError(f"{folder} is not an archive of etendue (no {DATA} and no {JOURNAL} in it)")
     if is_running(folder):
         raise ArchiveInUse(f"{folder}: a run is writing to it; verify it when that has ended")
-    odd: dict[str, str] = {}
+    before, odd = owner_of(folder), dict[str, str]()
     listing = disk.Listing(folder, odd)
     found.damages += [Damage("odd", path, what) for path, what in odd.items()]
     if DATA in odd or not (folder / DATA).is_dir():
@@ -108,6 +112,9 @@ def verify(folder: Path, told: Told = lambda done, total: None) -> Verified:
     for part in (look.manifest, look.journal, look.metadata, look.chunks, look.inputs, look.records, look.small_files, look.added):
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
+    if found.damages and is_written(folder, before):
+        raise ArchiveInUse(f"{folder} is being written by a run that has begun meanwhile; verify it when that has ended")
+    found.partial = left_by_compact(folder)
     found.seconds = time.perf_counter() - began
     return found
 
@@ -332,6 +339,21 @@ class _Look:
                     yield place
 
 
+def sha256_of(folder: Path) -> str:
+    """One digest of an archive: of the paths and contents of all its files, but the lock and who owns it. A copy has the same.
+
+    Raises
+    ------
+    ArchiveError
+        Something in it is no plain file.
+    """
+    listing, found = disk.Listing(folder), hashlib.sha256()
+    beside = [name for name in disk.FILES if name not in ("lock", "run.id") and (folder / name).is_file()]
+    for path in sorted([*beside, *(path for name in disk.FOLDERS for path in listing.below(name))]):
+        found.update(f"{path} {plain_files.sha256(folder / path, None, links=False)}\n".encode())
+    return found.hexdigest()
+
+
 def _split(array: str) -> tuple[str, str]:
     group, _, name = array.rpartition("/")
     return group, name
@@ -370,6 +392,7 @@ def document(found: Verified) -> dict[str, Any]:
         "damages": [{name: value or None for name, value in vars(damage).items()} for damage in found.damages],
         "cells_lost": list(found.lost),
         "beside": found.beside,
+        "partial": found.partial or None,
         "cells": found.cells,
         "chunks": found.chunks,
         "bytes": found.bytes,

@@ -23,9 +23,22 @@ def new(name: str, sensor: str, output: Path | None) -> None:
     text = text_of(name, sensor)
     place = (output or Path()) / f"{name}.toml"
     refuse_existing(place)
+    text = text_of(name, sensor, _kept(text))
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(text, encoding="utf-8")
     click.echo(f"{place}: next: etendue run {place}")
+
+
+def _kept(text: str) -> dict[str, str]:
+    """What each choice under `keep` takes of a pipeline."""
+    from etendue.plan.planner import make_plan, summary
+    from etendue.registry import installed_stages
+    from etendue.spec.pipeline import parse_pipeline
+    from etendue.telling import human_bytes
+
+    document = summary(make_plan(parse_pipeline(text), installed_stages()))
+    by_name = {name: one["bytes"] for stage in document["stages"] for name, one in stage["variables"].items()}
+    return {word: human_bytes(size) for word, size in {**by_name, **document["keep"]}.items()}
 
 
 @command("new-plugin")

@@ -34,9 +34,13 @@ from etendue.cli.saying import command, tell
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Curves of edges and stars: .csv, .png, .svg or .pdf."
 )
+@click.option(
+    "--picture", "shown", type=click.Path(path_type=Path), metavar="FILE",
+    help="The photograph with what was measured outlined: .png, .svg or .pdf.",
+)  # fmt: skip
 def measure(
     picture: Path, edges: tuple[str, ...], stars: tuple[str, ...], cycles: int | None, noise: tuple[str, ...], chart: str | None,
-    encoding: str, space: str, channel: str | None, pitch: str | None, as_json: bool, output: Path | None,
+    encoding: str, space: str, channel: str | None, pitch: str | None, as_json: bool, output: Path | None, shown: Path | None,
 ) -> None:  # fmt: skip
     """A photograph of your own, measured with the instruments that measure simulated ones, each figure with its 95 % interval.
 
@@ -50,6 +54,7 @@ def measure(
     from etendue.report.photograph import print_photograph
     from etendue.spec.units import UnitError, to_unit
     from etendue.studies.measuring_pictures import study
+    from etendue.studies.measuring_pictures.drawn import drawn
 
     try:
         length = None if pitch is None else to_unit(options.number(pitch), "um")
@@ -61,9 +66,13 @@ def measure(
         check_suffix(output)
         if (noise or chart) and not (edges or stars):
             raise RequestError("-o: curves are those of edges and stars, and none is asked for")
+    if shown is not None:
+        check_suffix(shown)
     asked = study.Asked(edges, stars, noise, chart, cycles, channel, encoding, space, length)
     document = study.measure(picture, asked)
     plot = None if output is None else study.curves(document)
     if plot is not None and output is not None:
         plot.save(output)
+    if shown is not None:
+        drawn(picture, document).save(shown)
     tell(as_json, document, print_photograph)

@@ -25,6 +25,7 @@ from etendue.cli import (
     trust,
 )
 from etendue.cli.saying import say
+from etendue.interrupts import end_now
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
@@ -37,7 +38,7 @@ class _Main(click.Group):
         try:
             return super().parse_args(ctx, args)  # prints --help and --version
         except BrokenPipeError:
-            os._exit(141)
+            end_now(141)
         except OSError as error:
             return self._refused(ctx, error)
 
@@ -62,7 +63,7 @@ class _Main(click.Group):
                 click.echo(refusal(str(error)), err=True)
             ctx.exit(error.exit_code)
         except BrokenPipeError:  # whoever read the output has gone
-            os._exit(141)
+            end_now(141)
         except OSError as error:
             self._refused(ctx, error)
         except MemoryError as error:

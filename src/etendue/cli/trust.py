@@ -28,6 +28,9 @@ def reproduce(
 ) -> None:  # fmt: skip
     """Compute an archive again, from the archive alone, and compare every cell with the stored one while it is computed.
 
+    Then everything else that it says: coordinates, dims, units, types, attributes, status, tables, pictures, journal, records. What no
+    computing can tell (seconds, dates, versions, authors) is listed as not checked.
+
     On the same platform every bit has to agree. On another one (processor features, numpy, scipy, Python) a cell may differ by
     what its stage and those in front of it state as their errors. Stages that are not installed are named, and so is other code
     than that of then. Nothing is kept without --into.
@@ -45,7 +48,7 @@ def reproduce(
 
     options = Options(check_scheduler(scheduler), workers or 0, most_cells=most_cells)
     place = from_here(here, place)
-    with places.reading(place) as folder:
+    with places.reading(place, exact=True) as folder:
         found = again(folder, options, None if quiet or as_json else TerminalProgress, here / into if into else None)
         said = places.named(document(found), folder, place)
     tell(as_json, said, print_reproduction)
@@ -81,6 +84,7 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     "--from", "sources", multiple=True, type=click.Path(path_type=Path), metavar="PATH",
     help="Where lost inputs may be found, by their content: files, folders, another archive; may be repeated.",
 )  # fmt: skip
+@click.option("--digest", is_flag=True, help="Print one SHA-256 of all of it, to be kept elsewhere.")
 @click.option("--accept-platform", is_flag=True, help="Repair with cells computed on another platform than the others.")
 @SCHEDULER
 @WORKERS
@@ -88,7 +92,7 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
 @click.option("--quiet", is_flag=True, help="No progress.")
 @JSON
 def verify(
-    place: Path | str, repair: bool, sources: tuple[Path, ...], accept_platform: bool, scheduler: str, workers: int | None,
+    place: Path | str, repair: bool, sources: tuple[Path, ...], digest: bool, accept_platform: bool, scheduler: str, workers: int | None,
     most_cells: int | None, quiet: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Read every byte of an archive and name what is not as it was written: array and cell, metadata, table, record, input, journal.
@@ -96,11 +100,15 @@ def verify(
     Needs no stage to be installed and changes nothing. With --repair what is known twice is put back, the rest computed again from
     the archive's own pipeline; what does not belong to the archive is moved to its folder 'strays'.
 
+    Who makes all digests in an archive anew is not found: reproduce finds what does not come out again, and the one digest of --digest,
+    kept elsewhere, anything else.
+
     Exit codes: 0 whole (or whole now), 1 damaged, 2 the request is wrong, or it cannot be repaired from what is there, 4 in use.
     """
     interrupts.say(interrupts.INTACT if repair else UNCHANGED)
     here = Path.cwd()  # a plugin may change it
     from etendue.archive import places
+    from etendue.archive.verify import sha256_of
     from etendue.report.trust import print_repaired, print_verified, reading
 
     place = from_here(here, place)
@@ -111,6 +119,7 @@ def verify(
 
             with places.reading(place, exact=True) as folder:
                 checked = places.named(of_verified(look(folder, told)), folder, place)
+                checked |= {"sha256": sha256_of(folder)} if digest else {}
         else:
             from etendue.report.terminal import TerminalProgress
             from etendue.session import Options, check_scheduler
@@ -122,5 +131,6 @@ def verify(
             with places.writing(place, scheduler, exact=True) as folder:
                 mended = mend(folder, sought, options, None if quiet or as_json else TerminalProgress, told)
                 checked = places.named(of_repaired(mended), folder, place)
+                checked |= {"sha256": sha256_of(folder)} if digest else {}
     tell(as_json, checked, print_repaired if repair else print_verified)
     sys.exit(0 if checked["whole"] else 1)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from etendue.archive import places
 from etendue.archive.journal import NAME as JOURNAL
+from etendue.calls import called_methods
 from etendue.plots import glance_page
 from etendue.plots.accessor import TreeAccessor
 from etendue.plots.glance import Glance, glance, glance_at
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 Words = str | Iterable[str]
 
 
+@called_methods
 class Archive:
     """The archive of a run, at a glance in a notebook, also while a run is writing to it.
 

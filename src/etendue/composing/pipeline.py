@@ -14,6 +14,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from etendue.calls import called_methods
 from etendue.composing.shown import plan_page, table_page
 from etendue.composing.stages import Placed, maker, plain
 from etendue.errors import Fault, RequestError, nearest
@@ -60,6 +61,7 @@ class Planned:
         return plan_page(self.document())
 
 
+@called_methods
 @dataclass(frozen=True)
 class Pipeline(Source):
     """A camera from scene to display: placed stages in order, and all else a pipeline file says.
@@ -168,7 +170,7 @@ class Pipeline(Source):
         return self._with(words={**self.words, "wanted": list(variables)})
 
     def keep(self, *variables: str) -> Pipeline:
-        """What is stored; without it all that is computed is."""
+        """What is stored; without it all that is computed is. ``looks``: pictures and figures, not the bands of light."""
         return self._with(words={**self.words, "keep": list(variables)})
 
     def set(self, **words: Any) -> Pipeline:

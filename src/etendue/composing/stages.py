@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
+from etendue.calls import called, called_methods
 from etendue.errors import Fault, RequestError, nearest
 from etendue.registry import installed_stages
 from etendue.spec.parameter import MISSING, Parameter
@@ -52,6 +53,7 @@ class Placed:
         return f"{self.use}({', '.join(words)})"
 
 
+@called_methods
 class Maker:
     """A stage by its name: called with its parameters it gives a ``Placed``."""
 
@@ -150,6 +152,7 @@ STAGES = Stages()
 _MAKERS: dict[str, Maker] = {}
 
 
+@called
 def maker(use: str) -> Maker:
     """The one function that places a stage.
 

@@ -19,10 +19,11 @@ from etendue.page.columns import Columns
 from etendue.page.figures import Coordinate, Figure, figures
 from etendue.page.looks import pictured
 from etendue.page.opened import Opened
+from etendue.page.opening import opening
 from etendue.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
 from etendue.plan.sensors import SENSOR
 from etendue.spec import camera
-from etendue.spec.variables import without
+from etendue.spec.variables import variable, without
 
 FORMAT = 1
 MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums
@@ -33,7 +34,11 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
     columns = Columns()
     table = ledger(opened)
     found, omitted = figures(opened)
-    record, pipeline, start = opened.record, _pipeline(opened), start_of(opened)
+    record, pipeline = opened.record, _pipeline(opened)
+    first = opening(found, opened.axes, start_of(opened), table)
+    if first["front"] and first["front"]["usable"] is not None:
+        first["front"]["usable"] = columns.put(first["front"]["usable"], "u1")
+    start = first["place"]
     return {
         "format": FORMAT,
         "made_by": f"etendue {importlib.metadata.version('etendue')}",
@@ -48,6 +53,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
             {"dim": a.dim, "key": a.key, "label": a.label, "units": a.units, "text": a.text, "values": list(a.values)} for a in opened.axes
         ],
         "start": start,
+        "opening": first,
         "stages": stage_rows(opened, table, about),
         "camera": _camera(opened),
         "figures": [_figure(one, columns) for one in found],
@@ -80,7 +86,7 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Where the page begins, as the contact sheet: the camera's own value where that is said and on the axis, else the middle as given."""
+    """Where a page begins without a choice, as the contact sheet: the camera's own value where it is on the axis, else the middle."""
     said = {*_pipeline(opened).get("camera", {}), *(key.removeprefix("camera.") for key in opened.record.get("overrides", {}))}
     start = {}
     for axis in opened.axes:
@@ -143,7 +149,7 @@ def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
     ]  # fmt: skip
     return {
         "stage": one.stage, "variable": one.variable, "label": one.label, "units": one.units, "axes": list(one.axes), "dims": dims,
-        "meanings": list(one.meanings), "data": columns.put(one.values),
+        "meanings": list(one.meanings), "better": variable(one.variable).better, "data": columns.put(one.values),
     }  # fmt: skip
 
 

@@ -17,7 +17,10 @@ from typing import Any
 
 from etendue.page.document import plain
 
-SCRIPTS = ("base.js", "charts.js", "maps.js", "panels.js", "sections.js", "explore.js", "tables.js", "live.js", "panes.js", "start.js")
+SCRIPTS = (
+    "base.js", "charts.js", "maps.js", "panels.js", "sections.js", "opening.js", "explore.js", "tables.js", "live.js", "panes.js",
+    "start.js",
+)  # fmt: skip
 
 
 @cache

@@ -67,6 +67,11 @@ class Live:
         found = (self.folder / JOURNAL).stat()
         return found.st_size, found.st_mtime_ns
 
+    @property
+    def gone(self) -> bool:
+        """Whether the archive is no longer in its place."""
+        return not (self.folder / JOURNAL).is_file()
+
     def refresh(self) -> None:
         """Look again, where something was written since and the last look was not just now."""
         with self._lock:

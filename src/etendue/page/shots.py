@@ -80,7 +80,7 @@ def _wanted(opened: Opened) -> list[tuple[str, str]]:
     seen = {variable for _, variable in first}
     rest = []
     for stage, variable in reversed(everything):
-        if variable not in seen and drawn_of(opened, stage, variable).linear and (opened.reaching(stage) or not opened.axes):
+        if variable not in seen and drawn_of(opened, stage, variable).shown != "map" and (opened.reaching(stage) or not opened.axes):
             seen.add(variable)
             rest.append((stage, variable))
     return first + rest
@@ -103,7 +103,8 @@ def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE *
         found.append(
             {
                 "stage": stage, "variable": variable, "size": [one.size[1], one.size[0]], "shown": [small.shape[1], small.shape[0]],
-                "scaled": one.scaled, "units": one.units, "bright": one.bright, "how": "without loss",
+                "scaled": one.scaled, "unencoded": one.drawn.shown == "unencoded", "units": one.units, "bright": one.bright,
+                "how": "without loss",
             }
         )  # fmt: skip
     data = [whole for _, whole in exact]

@@ -102,7 +102,7 @@ class Installed:
         since = record.stat().st_mtime_ns
         with record.open(encoding="utf-8", newline="") as file:
             for path, known, *_ in csv.reader(file):
-                if path.startswith(("..", "/", self.folder.name + "/")) or "__pycache__" in path or path.endswith(CODE[1:]):
+                if path.startswith(("..", "/", self.folder.name + "/")) or "__pycache__" in path.split("/") or path.endswith(CODE[1:]):
                     continue
                 place = site / path
                 try:

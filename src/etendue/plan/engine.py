@@ -55,6 +55,7 @@ MOVES = {
     "etendue.discovery": "finds what distributions bring: the code of a stage stands in its key, a table by its content",
     "etendue.errors": _WORDS,
     "etendue.export.*": _AFTER,
+    "etendue.guests": "puts back what plugins change of the process; what they are given is made in run.ownership",
     "etendue.hookspecs": _WORDS,
     "etendue.importing.*": "makes the files of scenes, which count by content",
     "etendue.interrupts": "signals",
@@ -66,6 +67,7 @@ MOVES = {
     "etendue.plan.model": f"{_DECIDES}: what reads what, what is looked at, what stands before it",
     "etendue.plan.numbers": "numbers of cells",
     "etendue.plots.*": _AFTER,
+    "etendue.process": "puts back what foreign code changes of the process",
     "etendue.registry": "loads the class of a stage, whose code stands in its key",
     "etendue.report.*": _AFTER,
     "etendue.run": "starts, orders and hands on cells",
@@ -106,6 +108,7 @@ MOVED_DATA = {
     "quantities.toml": _VALUES,
     "roles.toml": _WORDS,
     "stages.toml": "which class stands under a name: its code stands in keys",
+    "subjects.toml": _WORDS,
     "variables.toml": _WORDS,
 }
 

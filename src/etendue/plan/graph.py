@@ -22,7 +22,7 @@ from etendue.plan.request import Request
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plan.vocabulary import check_vocabulary
 from etendue.registry import Registry
-from etendue.spec.names import unfit_axis
+from etendue.spec.names import BANDS, LOOKS, unfit_axis
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import parameters_of, quantities_of
 from etendue.telling import plain
@@ -64,7 +64,8 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
     wanted = _wanted_of(request, nodes)
     nodes = _as_asked(nodes, wanted)
     for text in pipeline.keep or ():
-        _find_variable(request, text, nodes, "keep")
+        if text != LOOKS:
+            _find_variable(request, text, nodes, "keep")
     if wanted and request.whole:
         nodes = _prune(nodes, wanted)
         reached = {dim for node in nodes for dim in node.axes}
@@ -78,11 +79,11 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
-    """The (stage, variable) pairs to store. A bare variable means every stage's; a stage's name, all it writes."""
+    """The (stage, variable) pairs to store. A variable means every stage's; a stage's name, all it writes; ``looks``, all but light."""
     everything = [(n.name, v) for n in nodes for v in n.writes]
     if keep is None:
         return frozenset(everything)
-    chosen = set()
+    chosen = {(n.name, v) for n in nodes for v, written in n.writes.items() if LOOKS in keep and not BANDS <= {*written.dims}}
     for stage, variable in everything:
         if variable in keep or stage in keep or f"{stage}.{variable}" in keep:
             chosen.add((stage, variable))

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from etendue.errors import Fault, PluginError, RequestError
+from etendue.guests import Guest
 from etendue.plan import asking, cost, omissions
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
@@ -21,6 +22,7 @@ from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.registry import Registry
+from etendue.spec.names import LOOKS
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.stage import Stage, parameters_of
 from etendue.telling import plain
@@ -40,7 +42,15 @@ def without_collecting() -> Iterator[None]:
             gc.enable()
 
 
+@contextmanager
+def _asked() -> Iterator[None]:
+    """Stages are asked, those of other distributions among them."""
+    with Guest("a stage, when it was planned,"):
+        yield
+
+
 @without_collecting()
+@_asked()
 def make_plan(
     pipeline: Pipeline, registry: Registry, leave_out_allowed: bool = True, told: Told = lambda done, total: None,
     expected: bool = False, computed: frozenset[str] = frozenset(), versions: Mapping[str, str] = INSTALLED,
@@ -129,8 +139,10 @@ def _beyond_tolerance(cells: Any, tolerance: float) -> list[str]:
 def _rewritten_in_vain(nodes: Any) -> list[str]:
     """Stages that change a variable behind the one that reads it: their place in the file is likely wrong."""
     notes = []
+    written = {(node.name, variable): declared.dims for node in nodes for variable, declared in node.writes.items()}
     for number, node in enumerate(nodes):
         own = {variable: source for bound in node.inputs for _, source, variable in bound if variable in node.writes}
+        own = {v: s for v, s in own.items() if written[s, v] == node.writes[v].dims}  # not of one picture instead of many frames
         for variable, source in own.items():
             readers = [n for n in nodes[:number] for bound in n.inputs for _, s, v in bound if (s, v) == (source, variable)]
             later = [n for n in nodes[number + 1 :] for bound in n.inputs for _, s, v in bound if (s, v) == (node.name, variable)]
@@ -145,9 +157,11 @@ def _rewritten_in_vain(nodes: Any) -> list[str]:
 def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
     """The plan as JSON: ``etendue plan --json``; ``peak_memory``: bytes that a run of it holds at most."""
     stages = []
+    written: dict[tuple[str, str], int] = {}  # bytes, by stage and variable
     for node in plan.nodes:
         cells = plan.of(node.name)
-        stored = [v for v in node.writes if (node.name, v) in plan.kept]
+        sizes = {v: sum(count * cost.cell_bytes(node, c, plan.precision, [v]) for c, count in cost.alike(cells)) for v in node.writes}
+        written |= {(node.name, v): size for v, size in sizes.items()}
         stages.append(
             {
                 "name": node.name,
@@ -159,7 +173,8 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
                 "one_by_one": list(node.mapped) or None,
                 "left_out": omissions.left_out(node, cells, plan.precision),
                 "approximated": omissions.approximated(node, cells, plan.precision),
-                "bytes": sum(count * cost.cell_bytes(node, c, plan.precision, stored) for c, count in cost.alike(cells)),
+                "bytes": sum(size for v, size in sizes.items() if (node.name, v) in plan.kept),
+                "variables": {v: {"bytes": size, "kept": (node.name, v) in plan.kept} for v, size in sizes.items()},
                 "seconds": sum(count * cost.cell_seconds(node, c, plan.precision) for c, count in cost.alike(cells)),
             }
         )
@@ -169,6 +184,10 @@ def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
         "cells": len(plan.cells),
         "naive_cells": len(plan.nodes) * math.prod(len(a.values) for a in plan.axes),
         "bytes": sum(s["bytes"] for s in stages),
+        "keep": {
+            word: sum(size for place, size in written.items() if place in resolve_keep(plan.nodes, chosen))
+            for word, chosen in (("all", None), (LOOKS, (LOOKS,)))
+        },
         "seconds": sum(s["seconds"] for s in stages),
         "peak_memory": peak_memory,
         "precision": plan.precision,

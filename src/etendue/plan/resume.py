@@ -35,6 +35,7 @@ class Work:
     stay: list[str] = field(default_factory=list)  # stages stored earlier and right, though 'keep' no longer names them
     mended: list[str] = field(default_factory=list)  # files of the archive that were missing or damaged, and are written again
     moved: dict[str, int] = field(default_factory=dict)  # shards made anew, bytes copied for them, bytes of what was computed
+    shown: Mapping[str, CellRef] = field(default_factory=dict)  # of each stage the cell of the pictures, where it is not the usual one
 
 
 def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()) -> Plan:

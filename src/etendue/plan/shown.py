@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from etendue.plan.model import CellRef, Plan
 
 
@@ -15,15 +17,15 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
     return {node.name: (node.name, tuple(middle[dim] for dim in node.axes)) for node in plan.nodes}
 
 
-def where_shown(plan: Plan) -> str:
+def where_shown(plan: Plan, shown: Mapping[str, CellRef] | None = None) -> str:
     """The axis values of the shown cells, such as `` at f_number 2.8, pixel_pitch 4 um``; '' without a sweep."""
     at = {}
-    for name, index in shown_cells(plan).values():
+    for name, index in (shown or shown_cells(plan)).values():
         at.update({dim: value for dim, value in plan.labels((name, index)).items()})
     texts = []
     for axis in plan.axes:
         if axis.dim in at:
             value = at[axis.dim]
-            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            texts.append(f"{axis.key} {shown}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
+            said = f"{value:.4g}" if isinstance(value, float) else str(value)
+            texts.append(f"{axis.key} {said}{f' {axis.units}' if axis.units not in ('', '1') else ''}")
     return f" at {', '.join(texts)}" if texts else ""

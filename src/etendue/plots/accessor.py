@@ -14,6 +14,7 @@ from typing import Any
 
 import xarray
 
+from etendue.calls import called, called_methods
 from etendue.errors import RequestError
 from etendue.plots import glance_page
 from etendue.plots.glance import glance
@@ -27,6 +28,7 @@ from etendue.plots.strip import show_array
 NAME = "etendue"
 
 
+@called_methods
 class Plots:
     """``tree.etendue.plot``: called, what fits; by kind, ``.map(...)``, ``.curves(...)``, ``.pareto(...)``, ``.strip()``.
 
@@ -53,6 +55,7 @@ class Plots:
         return [*super().__dir__(), *KINDS]
 
 
+@called_methods
 class TreeAccessor:
     """``tree.etendue``: an archive at a glance, plots and pictures of it."""
 
@@ -79,6 +82,7 @@ class TreeAccessor:
         return listed(Holdings(self._tree))
 
 
+@called_methods
 class ArrayAccessor:
     """``array.etendue``: an array as a picture."""
 
@@ -103,6 +107,7 @@ def register() -> None:
             put(NAME)(accessor)
 
 
+@called
 def show(what: Any, variable: str = "", **at: Any) -> Plot:
     """A picture of an array, of a dataset or tree, or of the archive in a folder.
 

@@ -108,7 +108,7 @@ def appearance(
     if plane != ("y", "x") or front not in ((), ("wavelength",), ("channel",)):
         return None
     names = [str(name) for name in channels]
-    if drawn.shown == "encoded":
+    if drawn.sent:
         return Appearance(drawn)
     if not drawn.linear:  # numbers as grey; those of red, green and blue side by side as colours
         bands = front == ("wavelength",)

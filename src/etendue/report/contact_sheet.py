@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from etendue.report.details import SIDE
+from etendue.spec.variables import variable as known
 
 BOX, LABEL, GAP, HEAD = 256, 34, 12, 34  # dots: a picture, the two lines above it, between pictures, a line of the title
 MOST = 360  # dots of a picture whose samples are enlarged a whole number of times
@@ -134,6 +135,7 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
         stage, variable = str(columns["stage"][number]), str(columns["variable"][number])
         text = f"{number + 1}. {stage.removesuffix(f'.{variable}')}"
         size = f"{columns['true_width'][number]} x {columns['true_height'][number]}"
+        size += ", without gamma" if known(variable).shown == "unencoded" else ""
         part = None
         if columns["detail_height"][number]:
             own = columns["detail"][number][:, : columns["detail_height"][number], : columns["detail_width"][number]]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from etendue.report.terminal import _out, _table, escape
+from etendue.report.terminal import _out, _print_whole, escape
 
 KINDS = {"photons": "shot noise alone, no blur", "blur": "blurs", "noise": "adds noise"}
 
@@ -22,18 +22,20 @@ def print_information(document: dict[str, Any]) -> None:
         f"photoelectrons {electrons}"
     )
     rows = document["rows"]
-    columns = (
+    columns: tuple[tuple[str, str], ...] = (
         ("stage", "left"), ("", "left"), ("bits/pixel", "right"), ("lost", "right"), ("along a line", "right"), ("NEQ 0", "right"),
-        ("1/4", "right"), ("1/2", "right"), ("SNRi", "right"), ("channels alone", "left"),
+        ("NEQ 1/4", "right"), ("NEQ 1/2", "right"), ("SNRi", "right"), ("channels alone", "left"),
     )  # fmt: skip
-    table = _table("information up to each stage, all channels together", *columns)
+    told = []
     for row in rows:
         lost = "" if row["lost"] is None else _signed(row["lost"])
         alone = " ".join(f"{c} {bits:.2f}" for c, bits in row["channels"].items())
         quanta = [f"{point['quanta_per_pixel']:.4g}" for point in row["neq"]]
         along, snri = f"{row['bits_per_pixel_of_a_line']:.3f}", f"{row['snri']:.2f}"
-        table.add_row(row["stage"], KINDS.get(row["what"], row["what"]), f"{row['bits_per_pixel']:.3f}", lost, along, *quanta, snri, alone)
-    console.print(table)
+        told.append((row["stage"], KINDS.get(row["what"], row["what"]), f"{row['bits_per_pixel']:.3f}", lost, along, *quanta, snri, alone))
+    if not any(row[-1] for row in told):
+        columns, told = columns[:-1], [row[:-1] for row in told]
+    _print_whole(console, "information up to each stage, all channels together", columns, told)
     spot = document["object"]
     console.print(
         f"NEQ in quanta a pixel at 0, 1/4 and 1/2 cycles/pixel along x; SNRi of a spot {spot['width_pixels']:g} pixels wide with a "
@@ -52,15 +54,14 @@ def _print_curves(console: Any, curves: list[dict[str, Any]]) -> None:
         ("stage", "left"), ("", "left"), *((f"{frequency[i]:g}", "right") for i in shown), ("line bits", "right"),
         ("found", "right"), ("largest difference", "right"),
     )  # fmt: skip
-    table = _table("NEQ of the linear pictures along x, found in noise and an edge (ratio to the prediction)", *columns)
-    last = None
+    told, last = [], None
     for curve in curves:
         stage, last = ("" if last == curve["stage"] else curve["stage"]), curve["stage"]
         cells = [f"{curve['found'][i]:.4g} ({_ratio(curve['found'][i], curve['predicted'][i])})" for i in shown]
         bits = curve["bits_per_pixel_of_a_line"]
         away = f"{100 * curve['largest_difference']:.1f} %"
-        table.add_row(stage, curve["channel"], *cells, f"{bits['predicted']:.3f}", f"{bits['found']:.3f}", away)
-    console.print(table)
+        told.append((stage, curve["channel"], *cells, f"{bits['predicted']:.3f}", f"{bits['found']:.3f}", away))
+    _print_whole(console, "NEQ of the linear pictures along x, found in noise and an edge (ratio to the prediction)", columns, told, 2)
     error, fewest = max(c["standard_error"] for c in curves), min(c["periodograms"] for c in curves)
     console.print(f"{fewest} periodograms and more behind a value; standard error of the noise power found: {100 * error:.1f} % at most")
 

@@ -16,7 +16,7 @@ from etendue.telling import printable
 
 def next_commands(outcome: Any) -> list[str]:
     """What to type to look at the results: plots of what there is."""
-    place = shlex.quote(os.path.relpath(outcome.archive))
+    place = shlex.quote(str(outcome.archive) if "://" in str(outcome.archive) else os.path.relpath(outcome.archive))
     place = place if not place.startswith("..") else shlex.quote(str(outcome.archive))
     chosen = small_maps(outcome.plan)
     kinds = [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []

@@ -35,7 +35,8 @@ def print_noise(document: dict[str, Any]) -> None:
         between = f"{pair.replace(' ', '')} {c['predicted']:.2f} / {c['found']:.2f}" if c else ""
         beside = f"{row['neighbours']['predicted']:.2f} / {row['neighbours']['found']:.2f}"
         table.add_row(stage, row["channel"], f"{row['predicted']:.2e}", f"{row['found']:.2e}", _ratio(row), beside, between)
-    console.print(table)
+    if document["rows"]:
+        console.print(table)
     errors = [row["standard_error"] / row["found"] for row in document["rows"] if row["found"] and row["standard_error"] is not None]
     if errors:
         console.print(f"standard error of what was found: {100 * max(errors):.1f} % at most")

@@ -14,6 +14,14 @@ from etendue.report.terminal import _out, _table, escape
 FLAGS = {
     "above_nyquist": "above Nyquist", "not_reached": "MTF50 not reached", "clipped": "clipped", "noisy": "wide interval",
 }  # fmt: skip
+DOUBTS = {
+    "bent": "it is bent", "changes": "its step changes along it", "pattern": "beside it is a pattern",
+    "no_plateau": "it leaves no even fields beside it", "line": "it rises and falls as a line does", "double": "it rises twice",
+}  # fmt: skip
+UNTRIED = {
+    "sharp": "edges so sharp", "blurred": "edges so blurred", "noise": "so much noise", "coarse": "JPEG of so low a quality",
+    "colour": "one colour of a JPEG",
+}  # fmt: skip
 
 
 def print_photograph(document: dict[str, Any]) -> None:
@@ -51,6 +59,12 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
     for row in rows:
         if row["flags"]:
             console.print(f"{row[where]}: {', '.join(FLAGS[flag] for flag in row['flags'])}")
+        if row.get("doubts"):
+            console.print(
+                f"{row[where]}: hardly one straight edge between two even fields: {', '.join(DOUBTS[one] for one in row['doubts'])}"
+            )
+        if row.get("not_covered"):
+            console.print(f"{row[where]}: not covered: intervals were not tried on {', '.join(UNTRIED[one] for one in row['not_covered'])}")
 
 
 def _print_noise(console: Any, patch: dict[str, Any]) -> None:
@@ -64,6 +78,10 @@ def _print_noise(console: Any, patch: dict[str, Any]) -> None:
             cells = [_text(scale * own["mean"]["value"]), _text(scale * own["sigma"]["value"], 4), _range(own["sigma"], scale)]
             table.add_row(row["channel"], *cells, _text(own["snr"]["value"], 4), _range(own["snr"]))
         console.print(table)
+    if patch["hidden"] and not patch["not_covered"]:
+        console.print(f"{patch['region']}: below the steps of the file, which hide how much it is: {', '.join(patch['hidden'])}")
+    if patch["not_covered"]:
+        console.print(f"{patch['region']}: not covered: noise that JPEG has taken off is not known")
 
 
 def _print_chart(console: Any, chart: dict[str, Any]) -> None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape as without_markup
 from rich.table import Table
@@ -28,6 +29,9 @@ from etendue.telling import human_bytes, printable
 if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.status import Status
+
+
+MOST_STORED = 6  # variables whose bytes are told one by one
 
 
 def escape(text: str) -> str:
@@ -67,6 +71,22 @@ def _table(title: str, *columns: tuple[str, str], wrap: tuple[str, ...] = ()) ->
     for name, justify in columns:
         table.add_column(name, justify=justify, no_wrap=name not in wrap)  # type: ignore[arg-type]
     return table
+
+
+def _print_whole(console: Console, title: str, columns: tuple[tuple[str, str], ...], rows: list[tuple[str, ...]], keys: int = 1) -> None:
+    """A table without an ellipsis: where the terminal is too narrow, below itself, each part with the first columns."""
+    widths = [max(map(cell_len, (name, *(printable(row[i]) for row in rows)))) + 3 for i, (name, _) in enumerate(columns)]
+    parts: list[list[int]] = [[]]
+    for column in range(keys, len(columns)):
+        if parts[-1] and sum(widths[:keys]) + sum(widths[i] for i in (*parts[-1], column)) - 3 > console.width:
+            parts.append([])
+        parts[-1].append(column)
+    for number, part in enumerate(parts):
+        chosen = [*range(keys), *part]
+        table = _table("" if number else title, *(columns[i] for i in chosen))
+        for row in rows:
+            table.add_row(*(escape(row[i]) for i in chosen))
+        console.print(table)
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
@@ -117,6 +137,21 @@ def _bound(stages: list[dict[str, Any]]) -> list[str]:
     return texts + [f"for each  {dims}: {', '.join(names)}" for dims, names in mapped.items()]
 
 
+def _stored(document: dict[str, Any]) -> list[str]:
+    """Bytes of what is stored by variable, most first; and what the words under `keep` would store."""
+    sizes: dict[str, int] = {}
+    for stage in document["stages"]:
+        for name, one in stage["variables"].items():
+            if one["kept"]:
+                sizes[name] = sizes.get(name, 0) + one["bytes"]
+    ranked = sorted(sizes, key=lambda name: -sizes[name])
+    said = [f"{name} {human_bytes(sizes[name])}" for name in ranked[:MOST_STORED]]
+    rest = sum(sizes[name] for name in ranked[MOST_STORED:])
+    said += [f"{len(ranked) - MOST_STORED} more {human_bytes(rest)}"] if len(ranked) > MOST_STORED else []
+    words = ", ".join(f'"{word}" {human_bytes(size)}' for word, size in document["keep"].items())
+    return [f"stored    {', '.join(said)}", f"keep      = {words}"]
+
+
 def print_plan(document: dict[str, Any]) -> None:
     """The plan as a table, and what is left out and why."""
     console = _out()
@@ -132,6 +167,8 @@ def print_plan(document: dict[str, Any]) -> None:
             str(stage["left_out"]["cells"]) if stage["left_out"] else "", human_bytes(stage["bytes"]), human_seconds(stage["seconds"]),
         )  # fmt: skip
     console.print(table)
+    for text in _stored(document):
+        console.print(escape(text))
     for axis in document["axes"]:
         console.print(f"axis      {escape(_axis(axis, short[axis['name']]))}")
     for text in _uses(document["stages"]):
@@ -352,11 +389,18 @@ def print_outcome(outcome: Any) -> None:
     console.print(f"{human_seconds(outcome.seconds)} in all")
 
 
+def _span(sizes: list[int]) -> str:
+    """'32', or '24..48' where cells of one stage are of several sizes."""
+    return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
+
+
 def print_archive(document: dict[str, Any]) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
     state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
     console.print(f"{document['archive']}: pipeline {document['pipeline']}, {human_bytes(document['bytes'])}, {state}")
+    if document["partial"]:
+        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
     planned, finished = document["planned"], document["finished"]
     if planned:
         share = f"{100 * finished // planned} %" if finished < planned else "all"
@@ -373,12 +417,14 @@ def print_archive(document: dict[str, Any]) -> None:
         if document["running"] and stage["planned"]:
             cells = f"{stage['finished']} of {stage['planned']}"
         groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
-        for group in groups:
-            own = [v for v in stage["variables"] if v["group"] == group]
-            reach = [axes[d] for d in own[0]["dims"] if d in axes] if own else []
-            console.print(f"{group:28s} {cells:20s} {_product(reach)}")
-            for v in own:
-                inner = " ".join(f"{d}={n}" for d, n in v["dims"].items() if d not in axes)
-                unit = f"[{v['units']}]" if v["units"] not in ("", "1") else ""
-                console.print(escape(f"    {v['variable']:24s} {inner:27s} {unit}").rstrip())
+        parts: dict[tuple[Any, ...], list[Any]] = {}
+        for v in stage["variables"]:
+            parts.setdefault((v["variable"], v["units"], *(d for d in v["dims"] if d not in axes)), []).append(v)
+        reach = list(dict.fromkeys(axes[d] for v in stage["variables"] for d in v["dims"] if d in axes))
+        title = next(iter(groups)) if len(groups) == 1 else f"{stage['name']} ({len(groups)} sizes)"
+        console.print(f"{title:28s} {cells:20s} {_product(reach)}")
+        for (variable, units, *dims), own in parts.items():
+            inner = " ".join(f"{d}={_span([v['dims'][d] for v in own])}" for d in dims)
+            unit = f"[{units}]" if units not in ("", "1") else ""
+            console.print(escape(f"    {variable:24s} {inner:27s} {unit}").rstrip())
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)

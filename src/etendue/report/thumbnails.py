@@ -162,7 +162,7 @@ def only(found: Mapping[str, Any]) -> dict[str, Thumbnail]:
 
 def window_of(plan: Plan, shown: Iterable[CellRef]) -> Window | None:
     """The rows that are kept of every picture of some cells, whichever of them there will be."""
-    return band_of([grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown in ("linear", "encoded")])
+    return band_of([grid for ref in shown for v, grid in plan.cells[ref].grids.items() if known(v).shown not in ("", "map")])
 
 
 def looks(plan: Plan, shown: Iterable[CellRef]) -> dict[CellRef, Look]:

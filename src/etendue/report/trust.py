@@ -47,7 +47,19 @@ def print_reproduction(document: dict[str, Any]) -> None:
                 escape(f"{cell['found']}: {cell['cell']} {cell['variable']}: {cell['why'] or 'rms ' + _figure(cell['relative'])}"),
                 soft_wrap=True,
             )
+    for one in document["differences"][:MOST]:
+        where = f" {one['where']}" if one["where"] else ""
+        says = one["says"] or "nothing, or it is not there"
+        console.print(escape(f"another: {one['file']}{where}: it says {says}; it comes out as {one['is'] or 'nothing'}"), soft_wrap=True)
+    if len(document["differences"]) > MOST:
+        console.print(f"... {len(document['differences']) - MOST} more; --json has all")
+    for damage in document["damages"][:MOST]:
+        console.print(escape(_damage(damage)), soft_wrap=True)
     console.print(f"{document['compared']} variables of cells compared in {human_seconds(document['seconds'])}")
+    if not document["differences"]:
+        console.print("coordinates, units, dims, types, status, tables, records: as they come out again")
+    for one in document["not_checked"]:
+        console.print(escape(f"not checked: {one['what']} ({one['why']})"), soft_wrap=True)
     if any(stage["relative"] for stage in document["stages"]):
         console.print("rms and stated are relative to full scale")
 
@@ -121,6 +133,8 @@ def print_verified(document: dict[str, Any]) -> None:
         console.print(f"... {len(document['damages']) - MOST} more; --json has all")
     for path in document["beside"]:
         console.print(escape(f"beside it: {path}, which no run has written, and nobody vouches for"), soft_wrap=True)
+    if document["partial"]:
+        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
     rate = f", {document['bytes_per_second'] / 1e6:.0f} MB/s" if document["bytes_per_second"] else ""
     read = (
         f"{document['cells']} cells, {document['chunks']} chunks, {human_bytes(document['bytes'])} in {human_seconds(document['seconds'])}"
@@ -130,6 +144,8 @@ def print_verified(document: dict[str, Any]) -> None:
     found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be computed again"
     console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
     console.print(f"read {read}{rate}")
+    if "sha256" in document:
+        console.print(f"sha256 of all of it: {document['sha256']}", soft_wrap=True)
     if not document["whole"]:
         console.print(escape(f"repair it: etendue verify {document['archive']} --repair"), soft_wrap=True)
 

@@ -21,7 +21,7 @@ import numpy as np
 from etendue.coordinates import coordinates_of
 from etendue.errors import PluginError, refused_by_the_machine
 from etendue.run.job import Job
-from etendue.run.ownership import for_reading, frozen
+from etendue.run.ownership import for_reading, frozen, guests_of, handed
 from etendue.run.tables import prepared_of
 from etendue.spec.capabilities import is_source
 from etendue.spec.grid import Bands, Grid
@@ -144,8 +144,9 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
                 raise PluginError(f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses")
             cut = np.maximum(cut, 0)
         known[port] = cut if isinstance(cut, Banded) else frozen(cut)
-    with foreign(f"{type(stage).__name__}.run"):
-        found: Mapping[str, Any] = stage.run(**{name: for_reading(known[name]) for name in arguments_of(type(stage))})
+    own = handed(stage, {name: for_reading(known[name]) for name in arguments_of(type(stage))})
+    with foreign(f"{type(stage).__name__}.run"), guests_of(job):
+        found: Mapping[str, Any] = stage.run(**own)
         return found
 
 

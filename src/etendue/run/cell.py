@@ -23,7 +23,7 @@ from etendue.run.found import with_found
 from etendue.run.given import Clipped, arguments
 from etendue.run.job import Job
 from etendue.run.mapped import one_by_one
-from etendue.run.ownership import as_array, for_reading, frozen, taken, undisturbed
+from etendue.run.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
 from etendue.run.segments import Result, transferred
 from etendue.spec.ports import CellReport
 from etendue.telling import plain, told
@@ -113,7 +113,8 @@ def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = N
             result, arrays = undisturbed(_load, job, results)
             result.arrays, result.lowest = arrays, undefined(job, arrays)
             return result, CellReport(*job.ref, "loaded")
-        result, arrays = undisturbed(_made, job, results, clipped)
+        with guests_of(job):
+            result, arrays = undisturbed(_made, job, results, clipped)
         return kept(job, result, arrays, clipped, lambda: time.thread_time() - began + elsewhere.seconds)
     except (MachineError, ArchiveInUse):
         raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run
@@ -171,7 +172,7 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
         given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
         result, arrays = Result(), made_by_band(job, given)
     else:
-        result, arrays = Result(), job.run(**arguments(job, results, clipped))
+        result, arrays = Result(), job.run(**handed(job.stage, arguments(job, results, clipped)))
     if not transfer or arrays:
         held = [arrays]
         del arrays  # a name here would count as somebody who may change them, and all would be copied

@@ -18,7 +18,7 @@ from etendue.plan.model import CellRef
 from etendue.run.found import seed_found, stage_found, with_found
 from etendue.run.given import Clipped, beside, looked_through, not_negative
 from etendue.run.job import Job
-from etendue.run.ownership import as_array, for_reading
+from etendue.run.ownership import as_array, for_reading, handed
 from etendue.run.segments import Result, transferred
 from etendue.spec.capabilities import Transfer, is_random
 from etendue.spec.stage import Stage, quantities_of, writes_of
@@ -47,7 +47,7 @@ def one_by_one(job: Job, results: Results, clipped: Clipped, check: Check) -> di
         if "rng" in constant:
             words = seed_found(job, results, at) + slices.words(at)
             given["rng"] = generator = renamed(generator, words) if generator else philox(words)
-        found = getattr(stage, called)(**{name: given[name] for name in names if name in given})
+        found = getattr(stage, called)(**handed(stage, {name: given[name] for name in names if name in given}))
         if number:
             _put(arrays, found, slices, at)
         else:
@@ -122,7 +122,7 @@ class _Slices:
         given = {port: for_reading(array) for port, array, _ in self.given} | beside(self.core, self.results)
         for port in self.negative:
             given[port] = not_negative(self.job, self.results, port, given[port], self.clipped)
-        found = self.core.run(**{name: given[name] for name in names if name in given})
+        found = self.core.run(**handed(self.core.stage, {name: given[name] for name in names if name in given}))
         if isinstance(found, dict):
             for variable in self.led:
                 shape = self.job.grids[variable].shape(self.job.writes[variable].dims)

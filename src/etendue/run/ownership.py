@@ -12,16 +12,19 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import Context
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
+from etendue import guests
 from etendue.errors import PluginError
 from etendue.process import FOLDER, WARNED
+from etendue.run.job import Job
 from etendue.telling import here
 
+_NOBODY = nullcontext()
 _Given = ParamSpec("_Given")
 _Found = TypeVar("_Found")
 
@@ -29,6 +32,19 @@ _Found = TypeVar("_Found")
 def for_reading(array: Any) -> Any:
     """A view that cannot be made writeable, of an array that is read-only; anything else as it is."""
     return array.view() if type(array) is np.ndarray and not array.flags.writeable else array
+
+
+def handed(stage: Any, given: dict[str, Any]) -> dict[str, Any]:
+    """What the ``run`` of a stage is called with. Another distribution's gets arrays of its own: numpy's flag binds numpy alone."""
+    return {name: _apart(value) for name, value in given.items()} if guests.is_guest(type(stage)) else given
+
+
+def _apart(value: Any) -> Any:
+    if type(value) is np.ndarray:
+        return frozen(value.copy(order="C")).view()
+    if type(value) is list:  # what is looked at: name, array or transfer function, grid
+        return [tuple(map(_apart, one)) if type(one) is tuple else one for one in value]
+    return value.apart() if hasattr(value, "apart") else value
 
 
 def frozen(array: Any) -> Any:
@@ -92,6 +108,15 @@ def as_array(name: str, variable: str, value: Any) -> Any:
     return array
 
 
+def guests_of(job: Job) -> AbstractContextManager[None]:
+    """Around the cell of a stage of another distribution, or one that goes on from the transfer functions of some."""
+    stage, others = job.stage, job.segment.joined if job.segment else None
+    if others:
+        stage = next((one for one in others if guests.is_guest(type(one))), stage)
+    kind: type = type(stage)
+    return guests.Guest(f"{job.ref[0]!r} ({guests.called(kind)})") if guests.is_guest(kind) else _NOBODY
+
+
 @contextmanager
 def in_its_place() -> Iterator[None]:
     """The working directory is put back behind some cells: asking for it costs more than all else around a small cell."""
@@ -125,4 +150,5 @@ def undisturbed(work: Callable[_Given, _Found], *given: _Given.args, **named: _G
 def abandoned() -> None:
     """Cells go on that nobody waits for any more: what they change is not put back behind others."""
     FOLDER.abandon()
+    guests.abandon()
     WARNED.abandon()

@@ -26,7 +26,7 @@ from etendue.run.form import Output, form_of
 from etendue.run.found import with_found
 from etendue.run.given import Clipped, beside, clipped_figures, looked_through
 from etendue.run.job import Job, Walk
-from etendue.run.ownership import for_reading, frozen, undisturbed
+from etendue.run.ownership import for_reading, frozen, guests_of, handed, undisturbed
 from etendue.run.segments import Result
 from etendue.run.tables import SensorRandom
 from etendue.spec.capabilities import Haloed, halo_of
@@ -259,7 +259,9 @@ class _Member:
             line = grid.line("y")
             grid = grid.replace(y=Line(high - low, line.start + low * line.step, line.step))
             given["rng_sensor"] = SensorRandom(self.job.sensor_serial, grid, self.job.precision, self.total * grid["x"].size)
-        found = self.job.run(**{name: given[name] for name in self.job.asks if name in given})
+        given = handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
+        with guests_of(self.job):
+            found = self.job.run(**given)
         expected = tuple(self._shaped(o, high - low) for o in self.outputs.values() if first or not o.declaration.optional)
         figures = {name: found[name] for name in self.figures if isinstance(found, dict) and name in found}
         held = [found]

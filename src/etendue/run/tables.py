@@ -136,8 +136,14 @@ class SensorRandom:
 
     def __init__(self, serial: bytes, grid: Grid, precision: str, frame: int = 0) -> None:
         self.serial, self.precision, self.frame = serial, np.dtype(precision), frame
+        self.own = False
         (top, rows), (left, columns) = _span(grid.line("y")), _span(grid.line("x"))
         self.pixels, self.rows, self.columns = (top, left, rows, columns), (top, 0, rows, 1), (0, left, 1, columns)
+
+    def apart(self) -> SensorRandom:
+        """The same for one who may not see what others are given."""
+        self.own = True
+        return self
 
     def normal(self, pattern: str) -> Any:
         """(y, x) standard normals of the pattern of this name, such as ``"prnu"``."""
@@ -189,7 +195,8 @@ class SensorRandom:
 
         if self.frame * dtype.itemsize > LARGEST_PATTERN:
             return read_only()
-        return TABLES.get(("sensor", self.serial, *what, window, dtype), read_only).view()
+        found = TABLES.get(("sensor", self.serial, *what, window, dtype), read_only)
+        return found.copy() if self.own else found.view()
 
 
 def _span(line: Line) -> tuple[int, int]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import multiprocessing
 import multiprocessing.connection
 import multiprocessing.util
-import os
 import pickle
 import queue
 import signal
@@ -25,7 +24,8 @@ from typing import Any
 import cloudpickle
 
 from etendue.errors import EtendueError, MachineError
-from etendue.interrupts import is_ours
+from etendue.guests import Guest, in_a_worker
+from etendue.interrupts import end_now, is_ours
 from etendue.plan.model import CellRef
 from etendue.run.batches import BatchResult, run_batch
 from etendue.run.job import Job
@@ -55,6 +55,7 @@ def one_thread_inside() -> None:
 def begin_worker() -> None:
     """In a new worker process: Ctrl-C is the owner's to answer, and a worker whose owner was killed ends by itself."""
     one_thread_inside()
+    in_a_worker()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.showwarning = show_warning
     owner = multiprocessing.parent_process()
@@ -64,7 +65,7 @@ def begin_worker() -> None:
 
 def _end_with(owner: Any) -> None:
     owner.join()
-    os._exit(1)
+    end_now(1)
 
 
 def serve(pipe: Any) -> None:
@@ -75,16 +76,17 @@ def serve(pipe: Any) -> None:
         try:
             pipe.send_bytes(data)
         except OSError:  # the owner was killed
-            os._exit(1)
+            end_now(1)
 
     while True:
         try:
             data = pipe.recv_bytes()
         except (EOFError, OSError):
             multiprocessing.util._run_finalizers()  # type: ignore[attr-defined]  # locks of libraries, else reported as leaked
-            os._exit(0)  # a thread that a plugin has left behind holds nobody up
+            end_now(0)  # a thread that a plugin has left behind holds nobody up
         try:
-            jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
+            with Guest("a plugin, when it was imported,"):
+                jobs, exports, imports, deliver, doomed, before = pickle.loads(data)
             result = run_batch(jobs, exports, imports, deliver, *before, doomed=doomed, at=lambda number: tell(f"@{number}".encode()))
             answer = b"=" + cloudpickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
             del result, before

@@ -44,6 +44,11 @@ class Drawn:
         return self.shown == "linear"
 
     @property
+    def sent(self) -> bool:
+        """Whether it goes to the screen as it is, between 0 and 1."""
+        return self.shown in ("encoded", "unencoded")
+
+    @property
     def scaled(self) -> bool:
         """Whether what is shown as white is chosen for the eye."""
         return self.linear and self.white is None

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 TABLES = ("ledger", "summary", "frames")  # groups of an archive beside its stages
+LOOKS = "looks"  # under `keep`: what people look at
+BANDS = frozenset({"wavelength", "y", "x"})  # of light, which nobody looks at band by band
 OWN = ("status",)  # an array in every group beside the variables of a stage
 LONGEST = 100  # characters: with the axes of a cell in it a name of a file has 255 bytes
 
@@ -17,6 +19,8 @@ def unfit_stage(name: str) -> str:
     """Why a stage may not be named so."""
     if not name.replace("_", "a").replace("-", "a").isalnum():
         return "expected letters, digits and _"
+    if name == LOOKS:
+        return f"{LOOKS!r} under 'keep' means pictures and figures of all stages; name the stage otherwise"
     if name.lower() in TABLES:
         return f"an archive has a table named {name.lower()!r}; name the stage otherwise"
     if name.startswith("__"):
@@ -30,6 +34,8 @@ def unfit_variable(name: str, dims: Iterable[str]) -> str:
     """Why a stage whose outputs have these dims may not write a variable of this name."""
     if not name.isidentifier() or name.startswith("__"):
         return "expected letters, digits and _"
+    if name == LOOKS:
+        return f"{LOOKS!r} under 'keep' means pictures and figures of all stages"
     if name in OWN:
         return "every group of an archive has an array of this name of its own"
     taken = {own for dim in dims for own in (dim, f"{dim}_um", f"{dim}_bounds")}

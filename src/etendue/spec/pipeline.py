@@ -55,7 +55,7 @@ class Pipeline(Source):
     preset: Mapping[str, Any] = field(default_factory=dict)  # what the sensor's name stands for, where ``camera`` says nothing
     sweep: Mapping[str, Any] = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
-    keep: tuple[str, ...] | None = None  # None: all that is computed
+    keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS among them: what people look at
     seed: int = 0
     tolerance: float = 1e-4
     norm: str = "rms"

@@ -18,7 +18,7 @@ _FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?
 DTYPES = ("float", "uint8", "uint16", "uint32")
 
 NOT_IN_IT = "not_in_it"  # attribute of a figure: stages of the pipeline that change what it is about
-SHOWN = ("", "linear", "encoded", "map")
+SHOWN = ("", "linear", "encoded", "unencoded", "map")
 COUNTED = ("", "floored", "overexposed")
 BETTER = ("", "higher", "lower")
 
@@ -28,14 +28,16 @@ class Variable:
     """What a distribution says of a variable: meaning, unit, and how a contact sheet shows it.
 
     ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a mosaic through its own filters);
-    ``encoded`` values for a display, as they are; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as
+    ``encoded`` values for a display, as they are; ``unencoded`` what they are before their gamma, as it would look on the display without
+    it; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as
     white, None: what is bright in the first picture; variables with one ``scale`` share what is bright in the last of them. ``black``
     is a camera quantity that stands for nothing. ``range`` has both ends of a map, None: its own; ``log``: in equal ratios.
     ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``: it is a place
     in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added up. ``beside``: it
     is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0, the end of a run says that
     something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is always so; ''
-    where it depends.
+    where it depends. ``subject``: what a figure is about, such as ``detail`` or ``noise``: reports fold figures by it, and open with
+    that of the lowest ``rank``.
     """
 
     long_name: str = ""
@@ -54,6 +56,8 @@ class Variable:
     masks: Mapping[str, int] = field(default_factory=dict)
     beside: str = ""
     better: str = ""
+    subject: str = ""
+    rank: int = 99
 
     def __post_init__(self) -> None:
         if self.counted not in COUNTED:

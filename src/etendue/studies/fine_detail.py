@@ -30,7 +30,7 @@ from etendue.spec.capabilities import ChannelTransfer, Summed, Transfer, is_seen
 from etendue.spec.pipeline import Pipeline
 from etendue.spec.ports import Progress
 from etendue.spec.roles import Scaled
-from etendue.studies.flat_field import MOSAIC, PICTURES, REACH, FlatField, another, in_front_of_grey
+from etendue.studies.flat_field import MOSAIC, REACH, FlatField, another, followed, in_front_of_grey
 from etendue.transfers import Product, alone, behind_filters, between, weights
 
 CHARGE, CURRENT, LIGHT = "expected_charge", "photocurrent", "photon_rate"
@@ -216,9 +216,7 @@ def fine_detail(
     flat = in_front_of_grey(pipeline, registry, reflectance)
     plan = make_plan(replace(flat, wanted=None, keep=None), registry, leave_out_allowed=False)
     notes += [note for note in plan.warnings if note not in notes]
-    chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]
-    if not any(MOSAIC in node.writes for node in plan.nodes) or not chosen:
-        raise RequestError("the pipeline has no mosaic_linear, or no picture made of it: there is no detail to follow", pipeline.file)
+    chosen = followed(plan, notes, "detail", pipeline.file)
     wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, CHARGE) and not n.is_probe)
     plan = make_plan(replace(flat, wanted=wanted, keep=None, precision="float64"), registry, leave_out_allowed=False)
     found = collect(plan, small(plan), options, progress(plan) if progress else None)

@@ -73,6 +73,27 @@ def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) ->
     return ""
 
 
+def followed(plan: Plan, notes: list[str], what: str, file: str) -> list[str]:
+    """The pictures that are made of the mosaic; where there are none, as of a grey sensor, a note says so.
+
+    Raises
+    ------
+    RequestError
+        The camera has no mosaic.
+    """
+    last = next((node.name for node in reversed(plan.nodes) if MOSAIC in node.writes), None)
+    if last is None:
+        raise RequestError(
+            f"no stage of the pipeline writes {MOSAIC}, from which {what} is followed: put a converter and `linearise` behind the "
+            "noise, of a grey sensor too",
+            file,
+        )
+    chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]
+    if not chosen:
+        notes.append(f"no stage makes a picture of {MOSAIC}: {what} is followed up to {last}")
+    return chosen
+
+
 class FlatField:
     """The linear mosaic of a grey card, and the stages behind it."""
 

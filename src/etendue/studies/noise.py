@@ -31,7 +31,7 @@ from etendue.spec.ports import Progress
 from etendue.spec.roles import Noisy, Scaled
 from etendue.spec.stage import writes_of
 from etendue.studies.axis import without_sweep
-from etendue.studies.flat_field import MOSAIC, PICTURES, FlatField, another, in_front_of_grey
+from etendue.studies.flat_field import MOSAIC, FlatField, another, followed, in_front_of_grey
 from etendue.studies.noise_report import NoiseReport, StageNoise
 
 FULL = 0.001  # share of clipped pixels from which noise is cut off
@@ -71,9 +71,7 @@ def noise(
     notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
     flat = in_front_of_grey(alone, registry, reflectance)
     plan = make_plan(flat, registry, leave_out_allowed=False)
-    chosen = [name for name in PICTURES if any(name in node.writes for node in plan.nodes)]
-    if not any(MOSAIC in node.writes for node in plan.nodes) or not chosen:
-        raise RequestError("the pipeline has no mosaic_linear, or no picture made of it: there is no noise to follow", pipeline.file)
+    chosen = followed(plan, notes, "noise", pipeline.file)
     wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe)
     notes += plan.warnings
     flat = replace(flat, wanted=wanted, keep=None, precision="float64")

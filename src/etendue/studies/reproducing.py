@@ -1,7 +1,8 @@
 """Does an archive come out again? Computed from the archive alone, and compared cell by cell while it is computed.
 
 In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds, platform.
-Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means.
+Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means; what else of the archive
+     does not come out again (``studies.checked``), what is damaged, and what was not checked.
 
 On the same platform (processor features, numpy, scipy, Python) every bit has to agree. On another one a cell may differ by the
 errors that its stage and those in front of it state: their sum, relative to full scale, rms.
@@ -14,22 +15,34 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from etendue.archive import disk, frames
+from etendue.archive.accepting import former_of
 from etendue.archive.again import Recorded, every_record, recorded
 from etendue.archive.comparing import Compared, Comparing, ComparingKeeper
+from etendue.archive.entries import Entry
 from etendue.archive.inputs import sweep_of
+from etendue.archive.journal import Read
 from etendue.archive.keeping import staying
-from etendue.archive.naming import cell_name
+from etendue.archive.manifest import NAME as MANIFEST
+from etendue.archive.manifest import digest_of
+from etendue.archive.naming import Names, cell_name
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import node_records, platform_record
 from etendue.archive.stored import Stored
+from etendue.archive.verify import Damage, verify
 from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
 from etendue.plan.ancestry import ancestry
+from etendue.plan.keys import version_of
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.plan.resume import is_of_names, with_stored_values
+from etendue.plan.shown import where_shown
 from etendue.registry import installed_stages
 from etendue.session import Options, execute
-from etendue.spec.ports import CellReport, Progress
+from etendue.spec.ports import CellReport, Progress, Sheet
+from etendue.studies import checked
+from etendue.studies.checked import Difference, NotChecked
+from etendue.studies.remade import Again, column
 
 WORST = 20  # cells that are named
 
@@ -56,6 +69,9 @@ class Reproduction:
     ----------
     platform : the fields that differ, as (then, now); nothing on the same platform
     software : by stage what differs from the archive's: its distribution and version, or its code
+    differences : what else it says that does not come out again: coordinates, units, dims, tables, records
+    damages : files that are not as they were written, those of cells aside
+    not_checked : what of it no computing can tell
     """
 
     folder: Path
@@ -64,11 +80,16 @@ class Reproduction:
     software: list[dict[str, Any]]
     order: list[str]
     cells: list[CellResult] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
+    damages: list[Damage] = field(default_factory=list)
+    not_checked: list[NotChecked] = field(default_factory=list)
     seconds: float = 0.0
 
     @property
     def verdict(self) -> str:
         found = {cell.found for cell in self.cells}
+        if self.differences or self.damages:
+            return "not reproduced"
         if not found:
             return "nothing to compare"
         if found == {"same"}:
@@ -96,32 +117,128 @@ def reproduce(
     """
     if is_running(folder):
         raise ArchiveInUse(f"{folder}: a run is writing to it; reproduce it when it has ended")
-    run = recorded(folder)
+    run, state = recorded(folder), _state(folder)
     _refuse_missing(run)
-    pipeline = run.pipeline(options.most_cells if options else None)
+    most_cells = options.most_cells if options else None
+    pipeline = run.pipeline(most_cells)
     stored = Stored(folder)
     plan = _plan_of(make_plan(pipeline, installed_stages()), stored)
     was, now = run.record["platform"], platform_record()
     platform = {name: (was.get(name), value) for name, value in now.items() if was.get(name) != value}
     found = Reproduction(folder, run.record, platform, software(run, plan), [node.name for node in plan.nodes])
-    asked = [name for ref in plan.cells if (name := cell_name(plan, ref)) in stored.finished and stored.finished[name].files]
+    names = dict(Names(plan))
+    keys = {ref: cell.key for ref, cell in plan.cells.items()}
+    keys |= former_of(plan, run.record).keys if platform or _libraries(run) else {}
+    stopped = _stopped(stored, names, keys)
+    asked = [name for name in names.values() if name not in stopped and _is_asked(stored.journal, name)]
     told = progress(plan) if progress else None
+    sheet: Sheet | None = None
     if into is None:
-        keeper = ComparingKeeper(stored, asked)
+        shown = _shown(stored, plan, keys) if not platform else {}
+        keeper = ComparingKeeper(stored, asked, shown, _drawn(stored))
         found.seconds = execute(plan, None, options, told, keeper).seconds
-        reports, damaged = keeper.reports, keeper.damaged
+        reports, damaged, sheet = keeper.reports, keeper.damaged, _told(keeper.sheet, plan, keys, shown)
     else:
         if into.resolve() == folder.resolve():
             raise ArchiveError(f"--into {into}: that is the archive itself; name another folder")
         outcome = execute(plan, into, options, told)
         found.seconds = outcome.seconds
         reports, damaged = _held_against(stored, Stored(into), asked, {cell_name(plan, r): o for r, o in outcome.reports.items()})
-    refs = {cell_name(plan, ref): ref for ref in plan.cells}
+    refs = {name: ref for ref, name in names.items()}
     for name in asked:
-        found.cells += _judged(plan, refs[name], name, reports.get(name), damaged.get(name, ""), bool(platform))
+        if (entry := stored.journal.entries[name]).event == "done" and (entry.files or name not in reports):
+            found.cells += _judged(plan, refs[name], name, reports.get(name), damaged.get(name, ""), bool(platform))
     gone = [name for name, entry in stored.finished.items() if name not in refs and entry.files]
     found.cells += [CellResult(n.split(" ")[0], n, "", "unknown", why="its pipeline has no such cell") for n in gone]
+    _compare_the_rest(found, stored, Again(plan, names, keys, reports, sheet), into is not None, most_cells)
+    if is_running(folder) or _state(folder) != state:
+        raise ArchiveInUse(f"{folder}: a run has begun to write to it meanwhile; reproduce it when it has ended")
     return found
+
+
+def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: bool, most_cells: int | None) -> None:
+    """What is no cell: metadata, tables, journal, records, description; and every file against what vouches for it."""
+    elsewhere = bool(found.platform)
+    code = any(row["what"] != "distributions" for row in found.software)
+    found.differences = list(
+        dict.fromkeys(
+            [
+                *checked.of_store(stored, again, elsewhere),
+                *checked.of_journal(stored, again, elsewhere, not code),
+                *checked.of_records(stored, elsewhere, again, most_cells),
+                *checked.of_crate(stored, again, bool(found.software)),
+                *_of_code(found, stored, again),
+            ]
+        )
+    )
+    named = {cell.cell for cell in found.cells if cell.found == "damaged"}
+    found.damages = [one for one in verify(found.folder).damages if one.kind != "unfinished" and one.cell not in named]
+    found.not_checked = checked.unchecked(stored, again, elsewhere, code, into)
+
+
+def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Difference]:
+    """A stage of other code has other keys: one whose keys are those of now has the code of now."""
+    other = {row["stage"]: row for row in found.software if row["what"] == "code"}
+    for ref, name in again.names.items():
+        entry = stored.journal.entries.get(name)
+        if ref[0] in other and entry is not None and entry.event == "done" and entry.key == again.plan.cells[ref].key:
+            row = other.pop(ref[0])
+            yield Difference("runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, of which its keys are made")
+
+
+def _libraries(run: Recorded) -> bool:
+    """Whether a library that the keys name is of another version than then."""
+    return any(version_of(name) != version for name, version in run.record["libraries"].items())
+
+
+def _state(folder: Path) -> tuple[str, str]:
+    return digest_of(folder / "run.id"), digest_of(folder / MANIFEST)
+
+
+def _is_asked(journal: Read, name: str) -> bool:
+    """Whether a cell is computed again: what is finished, and what failed."""
+    entry = journal.entries.get(name)
+    return entry is not None and name not in journal.outdated and entry.event in ("done", "failed")
+
+
+def _stopped(stored: Stored, names: Mapping[CellRef, str], keys: Mapping[CellRef, str]) -> set[str]:
+    """The cells that failed because they were stopped, or their worker died: they need not do so again."""
+    failed = {(ref[0], keys[ref]): name for ref, name in names.items() if _failed(stored.journal.entries.get(name))}
+    columns = [column(stored, f"ledger/{name}") for name in ("stage", "key", "message")] if failed else []
+    if any(one is None for one in columns):
+        return set()
+    rows = zip(*(one.ravel().tolist() for one in columns), strict=False)
+    return {failed[stage, key] for stage, key, message in rows if (stage, key) in failed and "its worker" in message}
+
+
+def _failed(entry: Entry | None) -> bool:
+    return entry is not None and entry.event == "failed"
+
+
+def _shown(stored: Stored, plan: Plan, keys: Mapping[CellRef, str]) -> dict[str, CellRef]:
+    """The cells of the pictures of an archive, one of each stage; nothing where there are none, or of others."""
+    held = frames.attributes({"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}).get("shown")
+    held = held if isinstance(held, list) and len(held) == len(plan.nodes) else []
+    by_key = {(ref[0], key): ref for ref, key in keys.items()}
+    found = {node.name: by_key.get((node.name, key)) for node, key in zip(plan.nodes, held, strict=False) if isinstance(key, str)}
+    return {} if None in found.values() else {name: ref for name, ref in found.items() if ref is not None}
+
+
+def _drawn(stored: Stored) -> list[tuple[str, str]]:
+    """The stages and variables of which an archive has a picture: of what a run neither computed nor found stored there is none."""
+    stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
+    if stages is None or variables is None or stages.shape != variables.shape:
+        return []
+    return [(str(stage).split(".")[0], str(name)) for stage, name in zip(stages.ravel(), variables.ravel(), strict=True)]
+
+
+def _told(sheet: Sheet | None, plan: Plan, keys: Mapping[CellRef, str], shown: Mapping[str, CellRef]) -> Sheet | None:
+    """Pictures with what a run says of them."""
+    if sheet is None or not sheet.table:
+        return None
+    at = where_shown(plan, shown)
+    attrs = {**sheet.table.get("attrs", {}), "shown": [keys[ref] for ref in sheet.shown], "at": at}
+    return replace(sheet, table={**sheet.table, "attrs": attrs}, at=at)
 
 
 def _held_against(
@@ -237,6 +354,9 @@ def document(found: Reproduction) -> dict[str, Any]:
         "compared": len(found.cells),
         "stages": [_stage(name, own) for name in found.order if (own := [c for c in found.cells if c.stage == name])],
         "not_the_same": [vars(cell) for cell in found.cells if cell.found != "same"][:WORST],
+        "differences": [{"file": one.file, "where": one.where, "says": one.says, "is": one.is_} for one in found.differences],
+        "damages": [{name: value or None for name, value in vars(damage).items()} for damage in found.damages],
+        "not_checked": [{"what": one.what, "why": one.why} for one in found.not_checked],
         "seconds": found.seconds,
     }
 

@@ -130,8 +130,8 @@ const legend = (series) => series.length > 1 && series.length <= 16
   ? el('ul', { class: 'legend' }, series.map((one, i) => { const sign = svg('svg', { width: 22, height: 10 }, svg('line', { x1: 1, x2: 21, y1: 5, y2: 5, stroke: one.colour || colour(i), 'stroke-width': one.faint ? 1.5 : 2.5, 'stroke-dasharray': one.dash })); return el('li', {}, sign, one.name); }))
   : null;
 
-// Many points on a canvas, axes and front in SVG above it. points: {x: [], y: [], index: []}; front: positions in them.
-function scatter(host, width, { x, y, points, front, here, pick, saying, height = 400 }) {
+// Many points on a canvas, axes and front in SVG above it. points: {x: [], y: [], faint: []}; front: positions in them; star: the one to build.
+function scatter(host, width, { x, y, points, front, here, pick, saying, star, height = 400 }) {
   const f = frame(width, height, x, y, MARGIN);
   const canvas = el('canvas', { class: 'under' }), sharp = window.devicePixelRatio || 1;
   canvas.width = width * sharp; canvas.height = height * sharp;
@@ -142,10 +142,12 @@ function scatter(host, width, { x, y, points, front, here, pick, saying, height 
   const size = n > 5000 ? 1.5 : n > 800 ? 2.2 : 3.2, px = new Float32Array(n), py = new Float32Array(n);
   for (let i = 0; i < n; i++) {
     px[i] = f.sx.at(points.x[i]); py[i] = f.sy.at(points.y[i]);
+    pen.globalAlpha = points.faint && points.faint[i] ? 0.25 : 1;
     pen.beginPath(); pen.arc(px[i], py[i], size, 0, 7); pen.fill();
   }
   const shown = front.length > 400 ? [] : front;
   f.root.append(svg('path', { d: front.map((i, k) => `${k ? 'L' : 'M'}${px[i].toFixed(1)},${py[i].toFixed(1)}`).join(''), class: 'front' }), ...shown.map((i) => svg('circle', { cx: px[i], cy: py[i], r: 4.5, class: 'front-dot' })));
+  if (star !== undefined) f.root.append(svg('circle', { cx: px[star], cy: py[star], r: 7, class: 'star' }), svg('text', { x: px[star] + (px[star] > f.right - 90 ? -12 : 12), y: py[star] - 10, 'text-anchor': px[star] > f.right - 90 ? 'end' : 'start', class: 'starred' }, 'build this'));
   if (here !== null && here >= 0) f.root.append(svg('circle', { cx: px[here], cy: py[here], r: 8, class: 'chosen' }));
   const dot = svg('circle', { r: 6, class: 'here', visibility: 'hidden' }), read = el('p', { class: 'readout' }, saying(here !== null && here >= 0 ? here : -1));
   f.root.append(dot);

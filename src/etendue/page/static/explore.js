@@ -1,10 +1,7 @@
-// The sweep explored: the chosen cell's picture and figures, maps, curves, trade-offs.
+// The sweep explored: maps, curves, trade-offs.
 
-const FIRST = ['mtf50_lp_mm', 'effective_lp_mm', 'edge_effective_lp_mm', 'dr_elgamal', 'mean_snr', 'snr_18', 'clipped_fraction', 'gamut_clipped', 'fit_residual', 'airy_diameter'];
-const LESS = /error|residual|clipped|black_fraction|floored|noise|aliasing|rayleigh|sparrow|airy|dark|missed|alarms|condition|saturated|seconds|diameter|limit$/;
-const moreIsBetter = (scalar) => !LESS.test(scalar.figure.variable);
-
-const rank = (scalar) => { const i = FIRST.indexOf(scalar.figure.variable); return i < 0 ? FIRST.length : i; };
+const moreIsBetter = (scalar) => scalar.figure.better !== 'lower';
+const rank = (scalar) => { const i = state.doc.opening.open.findIndex((one) => isSaid(scalar, one)); return i < 0 ? state.doc.opening.open.length : i; };
 const options = (scalars) => scalars.map((s) => ({ value: s.id, name: `${s.name}${s.figure.units ? ` (${unit(s.figure.units)})` : ''}`, group: `${named(s.figure.stage)}` }));
 const dotsOf = (scalar) => `${scalar.figure.label}${scalar.of ? `, ${scalar.of}` : ''}`;
 const axisLabel = (scalar) => `${scalar.name}${scalar.figure.units ? ` (${unit(scalar.figure.units)})` : ''}`;
@@ -19,44 +16,6 @@ function best(scalars, n, apart = false, varying = true) {
     if (found.length === n) break;
   }
   return found;
-}
-
-// ---- the chosen cell
-
-function cellPart(doc, scalars) {
-  const series = (doc.pictures.series || []).filter((one) => Object.keys(one.pictures).length);
-  const plain = scalars.filter((s) => rank(s) < FIRST.length || !s.figure.dims.length), varying = best(plain, 8), headline = varying.length ? varying : best(plain, 8, false, false);
-  const numbers = el('dl', { class: 'big' });
-  follow(() => clear(numbers, headline.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, s.name), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner)), el('div', { class: 'soft' }, s.figure.label))))));
-  const content = [];
-  if (series.length && !doc.live) {
-    const places = doc.pictures.places, dims = doc.axes.map((a) => a.dim), spans = doc.axes.map((a) => Math.max(1, a.values.length - 1));
-    let shown = 0;
-    const picture = el('img', { alt: 'the chosen cell' }), tile = el('div', { class: 'tile large' }, picture), below = el('figcaption', {}), tabs = el('div', { class: 'tabs', role: 'tablist' });
-    series.forEach((one, i) => tabs.append(el('button', { type: 'button', role: 'tab', onclick: () => { shown = i; draw(); } }, `${named(one.stage)}`)));
-    const draw = () => {
-      const one = series[shown];
-      [...tabs.children].forEach((tab, i) => tab.setAttribute('aria-selected', i === shown));
-      let near = null, least = Infinity;
-      for (const place of places) {
-        if (!one.pictures[one.axes.map((dim) => place[dims.indexOf(dim)]).join(',')]) continue;
-        const away = sum(one.axes.map((dim) => { const k = dims.indexOf(dim); return Math.abs(place[k] - state.at[dim]) / spans[k]; }));
-        if (away < least) { least = away; near = place; }
-      }
-      const at = Object.fromEntries(dims.map((dim, k) => [dim, near[k]])), exact = one.axes.every((dim) => at[dim] === state.at[dim]);
-      const key = one.axes.map((dim) => at[dim]).join(','), size = one.sizes[key];
-      tile.style.aspectRatio = `${size[0]} / ${size[1]}`;
-      picture.src = `data:image/webp;base64,${one.pictures[key]}`;
-      picture.alt = `${one.variable} behind ${one.stage} at ${where(one.axes, at)}`;
-      clear(below, el('strong', {}, `${named(one.variable)}, ${size[0]} × ${size[1]}`), exact ? el('span', {}, one.axes.length ? ` at ${where(one.axes, at)}` : '') : el('span', { class: 'near' }, ` nearest picture: ${where(one.axes, at)}`), el('span', { class: 'soft' }, ` ${one.how}${one.scaled ? ', brightness of each cell its own' : ''}`));
-    };
-    follow(draw);
-    content.push(el('div', { class: 'beside' }, el('figure', { class: 'shown' }, tabs, tile, below), headline.length ? el('div', {}, el('h3', {}, 'Figures of this cell'), numbers) : null));
-    const n = sum(series.map((one) => Object.keys(one.pictures).length));
-    content.push(el('p', { class: 'note' }, `${doc.axes.length ? `Pictures of ${plural(places.length, 'chosen cell')} (corners, middle and places between on the axes)` : 'Pictures of the cell'}, ${n} in all, ${bytesOf(doc.pictures.bytes)}, at most 256 × 256 samples${doc.axes.length ? '; where there is none the nearest is shown and named. Figures are of every cell' : ''}.${doc.pictures.left_out.length ? ` Left out for size: ${doc.pictures.left_out.join(', ')}.` : ''} Every pixel: etendue view ${doc.archive}.`));
-  } else content.push(el('h3', {}, 'Figures of this cell'), numbers);
-  if (!headline.length && !series.length) return null;
-  return section('cell', doc.axes.length ? 'One exposure of the sweep' : 'The exposure', doc.axes.length ? 'The sliders choose it; everything below follows them.' : '', card(...content));
 }
 
 // ---- maps and lines over the axes
@@ -167,21 +126,13 @@ function nyquistOf(dim, xs) {
 
 // ---- trade-offs
 
-// Two figures worth trading: the first by rank, and that of another stage with which it has the longest front.
+// Two figures worth trading: those of the front with which the page opens, else the first two.
 function opposed(able) {
-  const [x, ...others] = best(able, 6, true);
-  if (!others.length) { const two = best(able, 2); return { x: two[0], y: two[1] || able.find((s) => s !== two[0]) }; }
-  const length = (y) => {
-    const dims = state.doc.axes.map((a) => a.dim).filter((dim) => x.figure.axes.includes(dim) || y.figure.axes.includes(dim)), sizes = dims.map((dim) => axisOf(dim).values.length), total = Math.min(20000, sizes.reduce((a, b) => a * b, 1)), xs = [], ys = [], at = {};
-    for (let n = 0; n < total; n++) {
-      let rest = n;
-      for (let k = dims.length - 1; k >= 0; k--) { at[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); }
-      xs.push(x.figure.value(at, x.inner)); ys.push(y.figure.value(at, y.inner));
-    }
-    return paretoFront(xs, ys, moreIsBetter(x), moreIsBetter(y)).length;
-  };
-  const lengths = others.map(length);
-  return { x, y: others[lengths.indexOf(Math.max(...lengths))] };
+  const { front } = state.doc.opening;
+  const on = front ? [front.x, front.y].map((one) => able.find((s) => isSaid(s, one))).filter(Boolean) : [];
+  if (on.length === 2) return { x: on[0], y: on[1] };
+  const apart = best(able, 2, true), two = apart.length === 2 ? apart : best(able, 2);
+  return { x: two[0] || able[0], y: two[1] || able.find((s) => s !== (two[0] || able[0])) };
 }
 
 function tradePart(doc, scalars) {

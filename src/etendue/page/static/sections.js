@@ -1,7 +1,7 @@
 // The frame of the page: what it is about, its parts, the sliders, the camera at a glance, where it comes from.
 
 const parts = [];
-const SHORT = { camera: 'Camera', cell: 'Exposure', maps: 'Maps', noise: 'Noise and colour', error: 'Error and time', omitted: 'Left out', figures: 'Files', provenance: 'Provenance', live: 'Pixels' };
+const SHORT = { camera: 'Camera', cell: 'The choice', maps: 'Maps', subjects: 'Figures', error: 'Error and time', omitted: 'Left out', figures: 'Files', provenance: 'Provenance', live: 'Pixels' };
 
 function section(id, title, lead, ...content) {
   const made = el('section', { id, 'aria-labelledby': `${id}-title` }, el('h2', { id: `${id}-title` }, title), lead ? el('p', { class: 'lead' }, lead) : null, ...content);
@@ -43,9 +43,8 @@ function header(doc) {
     : 'One simulated exposure.';
   return el('header', {},
     el('div', { class: 'top' }, el('p', { class: 'kind' }, `${doc.live ? 'etendue · live view' : 'etendue · report'}${doc.archive === doc.name ? '' : ` · ${doc.archive}`}`), themeSwitch()),
-    el('h1', {}, doc.title || doc.name), doc.description ? el('p', { class: 'about' }, doc.description) : null,
-    el('p', { class: 'facts' }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (a stage at one set of values), ${seconds(spent)} of computing, begun ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}.`),
-    state);
+    el('div', { class: 'top' }, el('h1', {}, doc.title || doc.name), state), doc.description ? el('p', { class: 'about' }, doc.description) : null,
+    el('p', { class: 'facts', title: `begun ${doc.provenance.began.replace('T', ' ').replace('Z', ' UTC')}` }, `${about} ${plural(doc.stages.length, 'stage')}, ${plural(cells, 'cell')} (a stage at one set of values), ${seconds(spent)} of computing.`));
 }
 
 function themeSwitch() {
@@ -101,13 +100,13 @@ function glance(doc) {
     const stage = doc.stages.find((s) => s.name === one.stage);
     strip.append(el('li', {}, el('figure', {},
       el('div', { class: 'tile' }, el('img', { src: `data:image/webp;base64,${one.data}`, alt: `${one.variable} behind ${one.stage}`, width: one.shown[0], height: one.shown[1], loading: 'lazy' })),
-      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
+      el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.unencoded ? ' · without gamma' : ''}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
   }
   const chain = el('ol', { class: 'chain' }, doc.stages.map((stage) => el('li', { class: stage.failed ? 'failed' : '' }, el('strong', {}, named(stage.name)), el('span', {}, stage.what || stage.role[0] || stage.use.join(', ')))));
   return section('camera', 'The camera at a glance', 'Light enters at the top left and leaves as a display’s values: each picture is what the stage named below it has made of the one before.',
     card(el('div', { class: 'columns' }, swept.length ? el('div', {}, el('h3', {}, 'Swept'), facts(swept.map(([a, b, c]) => [a, b, c]))) : null, el('div', {}, el('h3', {}, 'The same everywhere'), facts(first.map(row)))),
       rest.length ? el('details', {}, el('summary', {}, `All ${doc.camera.length} quantities`), facts(rest.map(row))) : null),
-    pictures.length ? card(el('h3', {}, 'From scene light to display'), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind have one brightness, at which the first of them is bright on this screen; display values are as they are. At most 256 × 256 samples.`)) : null,
+    pictures.length ? card(el('h3', {}, 'From scene light to display'), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind have one brightness, at which the first of them is bright on this screen; display values are as they are. At most 256 × 256 samples.`), doc.live ? null : picturesNote(doc)) : null,
     el('details', { class: 'card' }, el('summary', {}, `What each of the ${doc.stages.length} stages does`), chain));
 }
 

@@ -14,15 +14,15 @@ async function show(doc, root) {
   state.figures = doc.figures.map((said) => new Figure(said, state.bytes));
   const scalars = state.figures.flatMap(scalarsOf);
   state.scalars = scalars;
-  const head = header(doc), bar = sliders(doc), main = el('main', {});
   const failed = doc.failures.rows.length > 0 || doc.damaged.length > 0;
-  const made = [
-    () => (failed ? failedPart(doc) : null), () => (doc.live ? livePart(doc) : null), () => glance(doc), () => cellPart(doc, scalars),
-    () => mapPart(doc, scalars), () => curvesPart(doc, state.figures), () => tradePart(doc, scalars), () => themePart(doc, scalars),
-    () => errorPart(doc), () => omittedPart(doc), () => (failed ? null : failedPart(doc)), () => allPart(doc, scalars, state.figures), () => provenance(doc),
-  ].map(standing).filter(Boolean);
-  main.append(...made);
-  clear(root, head, el('div', { class: 'held' }, navigation(), bar), main, el('footer', {}, `${doc.made_by} · this page asks no network for anything${doc.live ? ' but the program that shows it' : ''}`));
+  const draw = (list) => list.map(standing).filter(Boolean);
+  const first = draw([() => (failed ? failedPart(doc) : null), () => (doc.live ? livePart(doc) : openingPart(doc, scalars))]);
+  const rest = draw([
+    () => (doc.live ? openingPart(doc, scalars) : null), () => glance(doc), () => mapPart(doc, scalars), () => curvesPart(doc, state.figures), () => tradePart(doc, scalars),
+    () => errorPart(doc), () => omittedPart(doc), () => (failed ? null : failedPart(doc)), () => subjectsPart(doc, scalars), () => allPart(doc, scalars, state.figures), () => provenance(doc),
+  ]);
+  const head = header(doc), held = el('div', { class: 'held' }, navigation(), sliders(doc)), foot = el('footer', {}, `${doc.made_by} · this page asks no network for anything${doc.live ? ' but the program that shows it' : ''}`);
+  clear(root, head, doc.live ? [held, el('main', {}, first, rest)] : el('main', {}, first, held, rest), foot);
   root.dataset.ready = 'yes';
   if (location.hash) document.getElementById(location.hash.slice(1))?.scrollIntoView();
 }

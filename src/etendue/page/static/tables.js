@@ -1,4 +1,4 @@
-// What is told in tables: all figures, noise and colour, error against run time, what was left out, failures.
+// What is told in tables: all figures by subject, error against run time, what was left out, failures.
 
 function tableOf(head, rows, numbersFrom = 1, empty = 'Nothing.') {
   if (!rows.length) return el('p', { class: 'note' }, empty);
@@ -6,9 +6,6 @@ function tableOf(head, rows, numbersFrom = 1, empty = 'Nothing.') {
 }
 
 // ---- every figure
-
-const NOISE = /snr|noise|dr_|dynamic|dark|system_gain|well|clipped|black_fraction|saturat|iso|exposure|illuminance/, COLOUR = /colour|white|fit_|gamut|cones|directions|balance|delta_e|ciede/;
-const themeOf = (s) => (COLOUR.test(s.figure.variable) ? 'colour' : NOISE.test(s.figure.variable) ? 'noise' : '');
 
 function figureRows(scalars) {
   return scalars.map((s) => {
@@ -21,21 +18,20 @@ const figureTable = (scalars) => {
   return tableOf(short(['figure', 'stage', one ? 'value' : 'here', 'least', 'mean', 'most', 'unit']), figureRows(scalars).map(short), 2);
 };
 
-function themePart(doc, scalars) {
-  const kinds = [['noise', 'Noise and exposure'], ['colour', 'Colour']].map(([key, title]) => [title, scalars.filter((s) => themeOf(s) === key && rangeOf(s).known)]).filter(([, own]) => own.length);
-  if (!kinds.length) return null;
-  return section('noise', 'Noise and colour', doc.axes.length ? 'Of the chosen cell, and over all of them.' : '', ...kinds.map(([title, own]) => {
-    const host = el('div', {});
-    follow(() => clear(host, figureTable(own)));
-    return card(el('h3', {}, title), host);
-  }));
+// Every figure, folded by what it is about.
+function subjectsPart(doc, scalars) {
+  const known = scalars.filter((s) => rangeOf(s).known), folded = doc.opening.subjects.map(({ subject, figures }) => {
+    const own = figures.flatMap(([stage, variable]) => known.filter((s) => s.figure.stage === stage && s.figure.variable === variable));
+    if (!own.length) return null;
+    const host = el('div', {}), details = el('details', { class: 'card', 'data-subject': subject, ontoggle: () => draw() }, el('summary', {}, `${subject[0].toUpperCase()}${subject.slice(1)} (${own.length})`), host);
+    const draw = () => { if (details.open) clear(host, figureTable(own)); };
+    state.told.add(draw);
+    return details;
+  }).filter(Boolean);
+  return folded.length ? section('subjects', 'Every figure, by subject', doc.axes.length ? 'Of the chosen cell, and over all of them.' : '', ...folded) : null;
 }
 
 function allPart(doc, scalars, figures) {
-  const host = el('div', {}), known = scalars.filter((s) => rangeOf(s).known);
-  const details = el('details', { class: 'inner', ontoggle: () => draw() }, el('summary', {}, `All ${known.length} figures of the chosen cell`), host);
-  const draw = () => { if (details.open) clear(host, figureTable(known)); };
-  state.told.add(draw);
   const sets = new Map();
   for (const s of scalars) { const key = s.figure.axes.join(' × '); if (!sets.has(key)) sets.set(key, []); sets.get(key).push(s); }
   const rowsOf = (own) => {
@@ -53,7 +49,7 @@ function allPart(doc, scalars, figures) {
   const omitted = doc.omitted.length ? el('p', { class: 'note' }, `Too large for a page: ${doc.omitted.map((o) => `${o.stage}.${o.variable} (${o.why})`).join('; ')}.`) : null;
   if (!scalars.length && !cells) return null;
   return section('figures', 'All figures, as files', 'Every number of the archive that is no picture. The CSV files are made from this page, offline.',
-    card(el('h3', {}, 'CSV files'), el('div', { class: 'files' }, files, curves, csvButton('stages', 'stages', () => stageTable(doc)), cells), omitted, known.length ? details : null));
+    card(el('h3', {}, 'CSV files'), el('div', { class: 'files' }, files, curves, csvButton('stages', 'stages', () => stageTable(doc)), cells), omitted));
 }
 
 function curveRows(f) {

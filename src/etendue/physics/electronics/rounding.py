@@ -1,11 +1,13 @@
 """What rounding to whole numbers leaves of an error where noise does not spread it over the numbers.
 
-In:  the step between neighbouring numbers, the rms of Gaussian noise in front of the rounding, both in one unit.
-Out: the largest mean error of a rounded value, in that unit.
-Source: the mean error is a sawtooth of the value, convolved with the density of the noise (Widrow and Kollar 2008).
+In:  the step between neighbouring numbers, the rms of Gaussian noise in front of the rounding, both in one unit; or a variance behind it.
+Out: the largest mean error of a rounded value, in that unit; the rms that may have stood in front of it.
+Sources: the mean error is a sawtooth of the value, convolved with the density of the noise (Widrow and Kollar 2008); Sheppard 1898.
 """
 
 import math
+from functools import cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -39,3 +41,38 @@ def lasting_error(step: float, sigma: float) -> float:
     above = scipy.special.ndtr((PHASES[:, None] - edges) / noise)  # that the sum lies above each edge
     mean = above.sum(axis=1) - 3.0  # edges -2.5, -1.5, -0.5 lie below the number 0
     return float(np.abs(mean - PHASES).max()) * step
+
+
+SHEPPARD = 1 / 12  # of a step, squared: what rounding adds to a variance that is spread over the numbers
+SHOWN = 0.6  # steps of noise, from which on it does so wherever the mean lies, within 3e-3 of a step, squared
+
+
+def in_front(low: float, high: float) -> tuple[float, float]:
+    """The rms (steps) that noise had before it was rounded, at least and at most, where the variance behind lies between two (steps^2).
+
+    Notes
+    -----
+    The mean may lie anywhere between two numbers: near one of them rounding hides noise, half way between two it makes a variance of 1/4
+    out of none. From 0.6 steps on both ends are Sheppard's: the variance less 1/12.
+    """
+    sigma, least, most = _behind()
+    if high >= least[-1]:
+        top = math.sqrt(high - SHEPPARD)
+    else:
+        top = float(np.interp(high, least, sigma))
+    if low >= most[-1]:
+        return math.sqrt(low - SHEPPARD), top
+    return (0.0 if most[0] >= low else float(sigma[int(np.argmax(most >= low))])), top
+
+
+@cache
+def _behind() -> tuple[Any, Any, Any]:
+    """rms in front of rounding (steps), least and largest variance behind it."""
+    sigma = np.linspace(1e-6, SPREAD, 1501)
+    edges = np.arange(-9, 10) + 0.5
+    below = scipy.special.ndtr((edges - PHASES[::4, None, None]) / sigma[:, None])  # (phase, sigma, edge)
+    share = np.diff(below, prepend=0.0, append=1.0)
+    numbers = np.arange(-9, 11)
+    mean = share @ numbers
+    variance = share @ numbers**2 - mean**2
+    return sigma, np.maximum.accumulate(variance.min(axis=0)), np.maximum.accumulate(variance.max(axis=0))

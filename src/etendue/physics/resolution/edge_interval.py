@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from etendue.physics.resolution.edge_doubts import doubts
 from etendue.physics.resolution.edge_line import FloatArray
 from etendue.physics.resolution.edge_region import find_edge
+from etendue.physics.resolution.edge_rewritten import Rewritten, Written, rewritten
 from etendue.physics.resolution.edge_spread import Curve, influence, redrawn
 from etendue.physics.resolution.slanted_edge import EdgeResponse, Measured, check, checked, measured, said
 
@@ -51,6 +53,8 @@ class EdgeResolution:
     noisy: bool  # the interval is wider than a tenth of MTF50
     response: EdgeResponse
     window: tuple[int, int, int, int]  # top, bottom, left, right of what was measured
+    doubts: tuple[str, ...] = ()  # what speaks against a single straight edge, see `edge_doubts`
+    written: tuple[Rewritten, Rewritten] | None = None  # how far a lossy file moves MTF50 and MTF10; within the interval
 
     @property
     def flags(self) -> tuple[str, ...]:
@@ -74,6 +78,7 @@ def edge_resolution(
     window: tuple[int, int, int, int] | None = None,
     find: bool = False,
     sites: ArrayLike | None = None,
+    written: Written | None = None,
     knots_per_pixel: float = 4.0,
     half_width: float | None = None,
     tails: bool = True,
@@ -102,6 +107,9 @@ def edge_resolution(
         Look for the strongest straight edge in the window, and measure a strip about it.
     sites : (y, x) array of bool or None
         The pixels to use; see `slanted_edge`.
+    written : function or None
+        Of a picture and a Generator: the picture as the file gives it back that it was kept in, each time at another place of its
+        blocks and between its numbers. The interval is then at least what `edge_rewritten` says of it.
 
     Returns
     -------
@@ -148,6 +156,10 @@ def edge_resolution(
     fifty, ten = _draws(found.curve, rows, response, generator, draws, block, widening)
     low, high = _between(fifty, confidence)
     low10, high10 = _between(ten, confidence)
+    again = None if written is None else _written(found, written, tails, response, generator)
+    if again is not None:
+        low, high = _reaching(response.mtf50, low, high, again[0].reach(confidence))
+        low10, high10 = _reaching(response.mtf10, low10, high10, again[1].reach(confidence))
     reached = fifty[np.isfinite(fifty)]
     used = image if mask is None else image[mask]
     clipped = limits is not None and float(np.mean((used <= limits[0]) | (used >= limits[1]))) > CLIPPED
@@ -164,7 +176,30 @@ def edge_resolution(
         noisy=not high - low <= NOISY * response.mtf50_limited,
         response=response,
         window=(top, bottom, left, right),
+        doubts=doubts(found, response.rise),
+        written=again,
     )  # fmt: skip
+
+
+def _written(
+    found: Measured, written: Written, tails: bool, response: EdgeResponse, generator: np.random.Generator
+) -> tuple[Rewritten, Rewritten]:
+    frequency = response.frequency
+
+    def crossings(curves: Curve) -> FloatArray:
+        sfr = curves.response(frequency)
+        return np.stack([lowest_crossing(frequency, sfr, share) for share in (0.5, 0.1)])
+
+    own = np.array([response.mtf50, response.mtf10])
+    fifty, ten = rewritten(found, written, tails, own, crossings, generator)
+    return fifty, ten
+
+
+def _reaching(value: float, low: float, high: float, reach: float) -> tuple[float, float]:
+    """An interval that goes so far at least, of the value."""
+    if not (math.isfinite(value) and math.isfinite(reach)):
+        return low, high if math.isfinite(reach) else math.inf
+    return min(low, max(value * (1 - reach), 0.0)), max(high, value * (1 + reach))
 
 
 def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, float]:

@@ -38,6 +38,7 @@ class Fit:
     first: NDArray[np.intp]  # of the four coefficients that act at each pixel
     basis: FloatArray  # (4, pixels): how much they do
     factor: FloatArray  # of the normal equations
+    pixel: NDArray[np.intp]  # which those are, in the picture as a row
 
     @property
     def noise(self) -> float:
@@ -70,7 +71,7 @@ def fit(distance: FloatArray, values: FloatArray, knot: float, half_width: float
     else:
         raise ValueError(lost("its pixels lie at too few distances from it"))
     inside = np.abs(flat) < half * spacing
-    flat, found, row = flat[inside], found[inside], row[inside]
+    flat, found, row, column = flat[inside], found[inside], row[inside], column[inside]
     place = flat / spacing + half
     first = np.minimum(place.astype(np.intp), 2 * half - 1)
     t = place - first
@@ -89,7 +90,8 @@ def fit(distance: FloatArray, values: FloatArray, knot: float, half_width: float
     slopes = np.stack([-((1 - t) ** 2), -4 * t + 3 * t**2, 1 + 2 * t - 3 * t**2, t**2]) / (2 * spacing)
     weights = c[first + np.arange(DEGREE + 1)[:, None]]
     rest = found - (weights * basis).sum(0)
-    return Fit(c, spacing, flat, row, rest, found, (weights * slopes).sum(0), first, basis, factor)
+    pixel = row * values.shape[1] + column
+    return Fit(c, spacing, flat, row, rest, found, (weights * slopes).sum(0), first, basis, factor, pixel)
 
 
 def _filled(distance: FloatArray, limit: float, spacing: float) -> int:
@@ -137,6 +139,17 @@ class Curve:
         real = steps @ (np.cos(wave) * shape) + self.spread[..., None] * beyond
         imaginary = steps @ (np.sin(wave) * shape)
         return np.asarray(np.hypot(real, imaginary) / np.abs(self.high - self.low)[..., None], np.float64)
+
+    def at(self, distance: FloatArray) -> FloatArray:
+        """Value at distances from the edge."""
+        count = len(self.coefficients)
+        place = distance / self.knot + 0.5 * (count - 1) - 1
+        first = np.clip(np.floor(place).astype(np.intp), 0, count - DEGREE - 1)
+        inside = (place >= 0) & (place <= count - DEGREE)
+        basis = cubic(np.where(inside, place - first, 0.0))
+        spline = sum(basis[a] * self.coefficients[first + a] for a in range(DEGREE + 1))
+        far = np.where(distance < 0, self.low, self.high) - self.spread / np.where(np.abs(distance) < self.knot, self.knot, distance)
+        return np.asarray(np.where(inside, spline, far), np.float64)
 
     def crossing(self, share: float) -> float:
         """Distance at which the spline passes a share of its step: the one nearest to the middle of the edge."""
@@ -241,6 +254,17 @@ def influence(found: Fit, curve: Curve, rows: int, tails: bool) -> Curve:
     own = design * found.rest[outer, None]
     moved = np.stack([np.bincount(found.row[outer], column, rows) for column in own.T], axis=1)
     return joined(np.asarray(change, np.float64), found.knot, moved @ np.linalg.inv(design.T @ design) * freedom, curve.width)
+
+
+def refitted(found: Fit, curve: Curve, values: FloatArray, tails: bool) -> tuple[Curve, FloatArray]:
+    """Curves of other values (n, pixels) at the pixels of a fit, line and passage being those of the first, and what is left of them."""
+    size, acting = len(found.coefficients), found.first + np.arange(DEGREE + 1)[:, None]
+    right = np.stack([np.bincount(acting.ravel(), (found.basis * own).ravel(), size) for own in values], axis=1)
+    coefficients = np.asarray(scipy.linalg.cho_solve_banded((found.factor, True), right), np.float64).T
+    outer, design = _far(found, curve.width, tails)
+    model = values[:, outer] @ design @ np.linalg.inv(design.T @ design)
+    rest = np.stack([value - (own[acting] * found.basis).sum(0) for value, own in zip(values, coefficients, strict=True)])
+    return joined(coefficients, found.knot, model, curve.width), rest
 
 
 def redrawn(curve: Curve, rows: Curve, weights: FloatArray) -> Curve:

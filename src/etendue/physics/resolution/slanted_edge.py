@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from etendue.physics.resolution import edge_bins
@@ -24,7 +25,7 @@ STILL = 1e-5  # pixels of movement at the ends of the edge below which its line 
 SMALLEST = 32
 NEAR = 16.0  # pixels from the edge that say where it is
 NYQUIST = 0.5
-BISECTIONS = 40
+EXACT = 1e-12  # cycles/pixel, of a crossing
 
 
 @dataclass(frozen=True)
@@ -224,18 +225,16 @@ def folded(frequency: FloatArray, sfr: FloatArray) -> float:
 
 
 def _falls_to(curve: Curve | edge_bins.Binned, share: float, frequency: FloatArray, sfr: FloatArray) -> float:
-    """Lowest frequency at which the response has fallen to a share: bracketed on the samples, then halved to 1e-12."""
+    """Lowest frequency at which the response has fallen to a share: bracketed on the samples, then by Brent."""
     below = np.flatnonzero(sfr < share)
     if below.size == 0:
         return math.nan
     low, high = float(frequency[below[0] - 1]), float(frequency[below[0]])
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        if curve.response(np.array([middle]))[0] >= share:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+
+    def above(at: float) -> float:
+        return float(curve.response(np.array([at]))[0]) - share
+
+    return low if above(low) <= 0 else float(scipy.optimize.brentq(above, low, high, xtol=EXACT))
 
 
 def checked(picture: ArrayLike, sites: ArrayLike | None) -> tuple[FloatArray, Sites | None]:

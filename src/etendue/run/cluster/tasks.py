@@ -12,6 +12,7 @@ from typing import Any
 
 import cloudpickle
 
+from etendue.guests import Guest
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.run.batches import NOBODY, BatchResult, run_batch
@@ -43,7 +44,8 @@ def as_bytes(
 def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
     """The result of a batch."""
     be_alike(common)
-    jobs, exports, imports, deliver, doomed, topic, number = pickle.loads(data)
+    with Guest("a plugin, when it was imported,"):
+        jobs, exports, imports, deliver, doomed, topic, number = pickle.loads(data)
     at = None
     if topic:
         import distributed

@@ -6,11 +6,11 @@ Out: errors in our words where a cluster cannot go on; workers that hang are end
 
 from __future__ import annotations
 
-import os
 import time
 from typing import Any
 
 from etendue.errors import EtendueError, MachineError
+from etendue.interrupts import end_now
 from etendue.run.watch import Stop
 from etendue.run.workers import STARTING
 from etendue.telling import said
@@ -159,4 +159,4 @@ class Watching:
         try:
             self.client.restart_workers(guilty, timeout=30, raise_for_error=False)
         except ValueError:  # they have no nanny
-            self.client.run(os._exit, 1, workers=guilty, wait=False, on_error="ignore")
+            self.client.run(end_now, 1, workers=guilty, wait=False, on_error="ignore")

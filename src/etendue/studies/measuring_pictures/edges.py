@@ -17,17 +17,20 @@ from etendue.physics.resolution.edge_interval import CLIPPED, EdgeResolution, ed
 from etendue.physics.resolution.edge_shape import EdgeShape, edge_shape
 from etendue.physics.resolution.slanted_edge import SMALLEST
 from etendue.studies.measuring_pictures.finding import reason, slanted, strips_of
-from etendue.studies.measuring_pictures.photograph import Photograph
+from etendue.studies.measuring_pictures.photograph import PLANES, Photograph
 from etendue.studies.measuring_pictures.regions import FOUND, Window, window
 
 ORDER = 3  # of the polynomial that an edge follows: distortion bends edges
 LEAST, MOST = 1.0, 44.0  # degrees from the raster; the instrument's own 2 to 43, with what a photograph cannot be held to
 STEEP = 2.0, 43.0  # degrees from the raster of an edge that is taken by itself
 MISFIT, TIMES = 0.04, 4.0  # of the step, and of the noise: rms about the edge beyond which it is no single edge
+ALONE = 0.02  # of the step, rms about the edge up to which nothing else stands in a region
 CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, where something else stands in the region
 TILTED = 1.7  # errors of MTF50, of what both levels are wrong by: the largest of edges of 4 contrasts and 3 widths, 8 bits, no noise
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 HIDDEN = "its step is lost in noise"
+TRIED = 0.08, 0.6  # cycles/pixel, of MTF50: Gaussian blurs of 2 to 0.35 pixels
+TRIED_NOISE, TRIED_STEPS = 0.025, 30.0  # rms of full scale; mean of a JPEG's table, that of quality 75 being 29
 KINDS = {  # of what keeps the edges of a picture from being found by themselves: what its reason holds, and what helps
     "shorter than 24 pixels": (("shorter than",), "take the chart larger in the picture"),
     "along rows or columns": (("along the raster", "not slanted", "nothing in it stands at a slant"), "turn the chart by some 5 degrees"),
@@ -69,10 +72,10 @@ def measured_edge(photograph: Photograph, text: str, channel: str, confidence: f
             refusals.append("the edge is not straight, or not alone: its response does not fall to a half")
             continue
         measured.append(one)
-        if not one["flags"]:
+        if not one["flags"] and not one["doubts"]:
             return one
     if measured:
-        return min(measured, key=lambda one: len(one["flags"]))
+        return min(measured, key=lambda one: (len(one["doubts"]), len(one["flags"])))
     raise RequestError(f"{photograph.path.name}: no slanted edge was found by itself: {_why(refusals, why)}; {REGIONS}")
 
 
@@ -85,7 +88,7 @@ def _measured_in(photograph: Photograph, region: Window, channel: str, confidenc
     except RequestError as error:
         refusal = error
     image, sites = photograph.linear(channel, region.cut)
-    if whole and 1 <= CLEARER * whole["snr"] * _noise(image, sites) / _step(image, sites):
+    if whole and 1 <= whole["snr"] * max(CLEARER * _noise(image, sites) / _step(image, sites), ALONE):
         return whole
     if refusal and min(region.width, region.height) < SMALLEST:
         raise refusal
@@ -127,7 +130,8 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     seen = _step(image, sites) > SEEN * _noise(image, sites)
     shape = _shape(what, image, sites) if seen and strip is None else None
     try:
-        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence)
+        written = photograph.written if photograph.lossy else None
+        found = edge_resolution(image, order=ORDER, sites=sites, confidence=confidence, written=written)
     except ValueError as error:
         raise RequestError(f"{what}: no edge can be measured: {_said(reason(error), seen, image)}") from None
     _check_straight(what, found, shape, image, sites)
@@ -135,24 +139,42 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     top, bottom, left, right = found.window
     inner = Window(place.x + left, place.y + top, right - left, bottom - top)
     response = found.response
+    middle, turn = 0.5 * ((bottom - top if found.vertical else right - left) - 1), math.tan(math.radians(found.angle))
+    ends_of_line = [[response.place + turn * part, middle + part] for part in (-middle, middle)]
+    line = [[inner.x + (u if found.vertical else v), inner.y + (v if found.vertical else u)] for u, v in ends_of_line]
     doubt = _rounding(photograph, image if sites is None else image[sites], found)
     ends = {f"{name}{end}": _wider(getattr(found, name), getattr(found, f"{name}{end}"), doubt)
             for name in ("mtf50", "mtf10") for end in ("_low", "_high")}  # fmt: skip
     return {
         "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
-        "bend": None if shape is None else shape.bend,
+        "bend": None if shape is None else shape.bend, "line": line, "half_width": response.half_width,
         "mtf50": found.mtf50, "mtf10": found.mtf10, **ends, "rounding": doubt,
+        "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread},
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
+        "doubts": list(found.doubts), "not_covered": _untried(photograph, channel, found, _step(image, sites)),
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
         "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(),
     }  # fmt: skip
+
+
+def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: float) -> list[str]:
+    """What of a picture lies outside of what intervals have been tried on (``benchmarks/measure_coverage.py``)."""
+    noise = step / found.snr if found.snr > 0 else math.inf
+    seen = {
+        "sharp": found.mtf50 > TRIED[1] or found.not_reached, "blurred": found.mtf50 < TRIED[0], "noise": noise > TRIED_NOISE,
+        "coarse": photograph.lossy and float(np.mean(photograph.table)) > TRIED_STEPS,
+        "colour": photograph.lossy and channel in PLANES,
+    }  # fmt: skip
+    return [name for name, outside in seen.items() if outside]
 
 
 def _rounding(photograph: Photograph, values: Any, found: EdgeResolution) -> float:
     """How far the file's whole numbers may have moved a frequency, of it: what both levels of the edge are wrong by, of its step."""
     low, high = (float(v) for v in np.percentile(values, (5, 95)))
     steps = [photograph.step(low), photograph.step(high)]
-    if photograph.lossy or not found.snr > 0:
+    if found.written is not None:
+        noise = found.written[0].noise  # what is left beside the edge is mostly that of the file, and spreads nothing
+    elif not found.snr > 0:
         noise = 0.0
     else:
         noise = math.sqrt(max(0.0, ((high - low) / found.snr) ** 2 - max(steps) ** 2 / 12))  # without that of rounding

@@ -16,6 +16,7 @@ import numpy as np
 from etendue import plain_files
 from etendue.errors import RequestError
 from etendue.physics.colour import encoding as transfer
+from etendue.physics.quality.block_coding import BLOCK, coded
 from etendue.picture_files import check_directories, read_picture
 
 ENCODINGS = ("sRGB", "BT.709", "linear")
@@ -29,7 +30,6 @@ INSTALL = "pip install 'etendue[raw]'"
 LINEARISED: dict[str, Any] = {"sRGB": transfer.srgb_decode, "BT.709": transfer.bt709_decode, "linear": lambda values: values}
 
 ENCODED: dict[str, Any] = {"sRGB": transfer.srgb_encode, "BT.709": transfer.bt709_encode, "linear": lambda values: values}
-LOSSY = (".jpg", ".jpeg", ".mpo")
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Photograph:
     notes: tuple[str, ...] = ()
     colours: Any = None  # (rows, columns): letters of a mosaic; None where every pixel has all channels
     black: float = 0.0  # of a raw file, in its numbers; taken off
+    table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness; None of other files
 
     @property
     def rows(self) -> int:
@@ -114,8 +115,21 @@ class Photograph:
 
     @property
     def lossy(self) -> bool:
-        """Whether noise has been rounded away before it could spread the rounding of the picture."""
-        return self.path.suffix.lower() in LOSSY
+        """Whether the file holds cosine transforms of blocks, rounded."""
+        return self.table is not None
+
+    def written(self, linear: Any, rng: np.random.Generator) -> Any:
+        """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels between its numbers."""
+        encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0))
+        dark, bright = np.percentile(encoded[::2, ::2], (5, 95))
+        encoded += np.interp(encoded, (dark, max(bright, dark + 1)), rng.uniform(-0.5, 0.5, 2))
+        down, right = (int(one) for one in rng.integers(0, BLOCK, 2))
+        return self._light[coded(encoded, self.table, (down, right)).astype(np.intp)]
+
+    @cached_property
+    def _light(self) -> Any:
+        """Of each number of 8 bits."""
+        return self._decoded(np.arange(256))
 
     def planes(self, cut: Any = np.s_[:]) -> Any:
         """All channels in linear light, (channel, y, x)."""
@@ -153,7 +167,7 @@ def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Ph
         found = read_picture(str(path), MOST_PIXELS)
     except ValueError as error:
         raise RequestError(str(error)) from None
-    return Photograph(path, found.values, found.full, encoding, weights, (found.note,) if found.note else ())
+    return Photograph(path, found.values, found.full, encoding, weights, (found.note,) if found.note else (), table=found.table)
 
 
 def reader() -> Any:

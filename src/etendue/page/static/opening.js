@@ -1,0 +1,121 @@
+// How the page opens: the camera to build, its picture, the front on which it lies, what limits it, how far it may be wrong.
+
+const isSaid = (scalar, said) => scalar.figure.stage === said.stage && scalar.figure.variable === said.variable && scalar.inner === said.inner;
+const KINDS = { detail: 'detail', noise: 'signal-to-noise ratio' };
+const FACTORS = { lens: 'the lens', diffusion: 'charge that wanders in the silicon', geometry: 'the width of a pixel’s light-sensitive square', sampling: 'the distance of pixels' };
+const percentOf = (share) => `${say(100 * share, 2)} %`;
+const listed = (words) => (words.length > 1 ? `${words.slice(0, -1).join(', ')} and ${words[words.length - 1]}` : words.join(''));
+
+function openingPart(doc, scalars) {
+  const { front, open, limits, error } = doc.opening;
+  const numbers = open.map((one) => scalars.find((s) => isSaid(s, one))).filter(Boolean), picture = doc.live ? null : chosenPicture(doc);
+  if (!numbers.length && !picture) return null;
+  const on = front && [front.x, front.y].map((one) => scalars.find((s) => isSaid(s, one)));
+  const figuresOf = el('dl', { class: 'big open' });
+  follow(() => clear(figuresOf, numbers.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, named(s.figure.variable)), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner))), el('dd', { class: 'soft' }, s.figure.label)))));
+  const moved = el('p', { class: 'note moved' });
+  follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]); clear(moved, here || !dims.length ? null : [`Picture and figures are of ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
+  const swept = doc.axes.filter((axis) => axis.values.length > 1), title = front ? `Build ${front.dims.map((dim) => called(axisOf(dim), doc.start[dim])).join(', ')}` : swept.length ? 'One exposure of the sweep' : 'The exposure';
+  const words = el('div', { class: 'words' }, front ? el('p', { class: 'why' }, whyOf(front, on)) : el('p', { class: 'why' }, swept.length ? `At ${where(swept.map((a) => a.dim), doc.start)}; the sliders choose another. No two figures of this sweep stand against each other: there is nothing to choose by.` : doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}.` : 'One camera, nothing swept.'), moved, front ? frontPlot(doc, front, on) : null);
+  const limit = limitsOf(doc, limits, front, on), wrong = errorOf(doc, error);
+  const below = [limit.length ? el('div', { class: 'limits' }, el('h3', {}, 'What limits it'), limit) : null, el('div', { class: 'wrong' }, el('h3', {}, 'How far it may be wrong'), wrong)];
+  const kept = el('div', { class: 'kept' }, el('h3', {}, 'In figures'), figuresOf);
+  const made = section('cell', title, '', el('div', { class: `card first${picture ? '' : ' plain'}${front ? '' : ' alone'}` },
+    picture, el('div', {}, words, front ? null : kept, front ? null : el('div', { class: 'beneath two-up' }, below)),
+    front ? el('div', { class: 'beneath' }, below[0], kept, below[1]) : null));
+  made.classList.add('opening');
+  return made;
+}
+
+// ---- the picture of the place where the sliders stand, or the nearest that there is
+
+function chosenPicture(doc) {
+  const series = (doc.pictures.series || []).filter((one) => Object.keys(one.pictures).length);
+  if (!series.length) return null;
+  const places = doc.pictures.places, dims = doc.axes.map((a) => a.dim), spans = doc.axes.map((a) => Math.max(1, a.values.length - 1));
+  let shown = 0;
+  const picture = el('img', { alt: 'the chosen cell' }), tile = el('div', { class: 'tile large' }, picture), below = el('figcaption', {});
+  const draw = () => {
+    const one = series[shown];
+    let near = null, least = Infinity;
+    for (const place of places) {
+      if (!one.pictures[one.axes.map((dim) => place[dims.indexOf(dim)]).join(',')]) continue;
+      const away = sum(one.axes.map((dim) => { const k = dims.indexOf(dim); return Math.abs(place[k] - state.at[dim]) / spans[k]; }));
+      if (away < least) { least = away; near = place; }
+    }
+    const at = Object.fromEntries(dims.map((dim, k) => [dim, near[k]])), exact = one.axes.every((dim) => at[dim] === state.at[dim]);
+    const key = one.axes.map((dim) => at[dim]).join(','), size = one.sizes[key];
+    tile.style.aspectRatio = `${size[0]} / ${size[1]}`;
+    picture.src = `data:image/webp;base64,${one.pictures[key]}`;
+    picture.alt = `${one.variable} behind ${one.stage} at ${where(one.axes, at)}`;
+    const own = one.axes.length ? `at ${one.axes.map((dim) => axisValue(axisOf(dim), at[dim])).join(', ')}` : '';
+    clear(below, el('span', { title: `${one.how}${one.scaled ? ', brightness of each cell its own' : ''}` }, `${size[0]} × ${size[1]} `), exact ? el('span', {}, own) : el('span', { class: 'near' }, `the nearest, ${own}`));
+  };
+  follow(draw);
+  const which = series.length > 1 ? choice(series.map((one, i) => ({ value: i, name: named(one.stage) })), 0, (i) => { shown = Number(i); draw(); }, 'picture') : null;
+  return el('figure', { class: 'shown' }, tile, el('div', { class: 'below' }, below, which));
+}
+
+// How many pictures there are, of what, and what was left out.
+function picturesNote(doc) {
+  const series = (doc.pictures.series || []).filter((one) => Object.keys(one.pictures).length), places = doc.pictures.places || [];
+  if (!series.length) return null;
+  const n = sum(series.map((one) => Object.keys(one.pictures).length));
+  return el('p', { class: 'note' }, `${doc.axes.length ? `Pictures of ${plural(places.length, 'chosen cell')} (corners, the choice and places between on the axes)` : 'Pictures of the cell'}, ${n} in all, ${bytesOf(doc.pictures.bytes)}, at most 256 × 256 samples${doc.axes.length ? '; where there is none the nearest is shown and named. Figures are of every cell' : ''}.${doc.pictures.left_out.length ? ` Left out for size: ${doc.pictures.left_out.join(', ')}.` : ''} Every pixel: etendue view ${doc.archive}.`);
+}
+
+// ---- why
+
+const called = (axis, place) => (axis.key === 'f_number' || axis.text ? '' : `${axis.label} `) + axisValue(axis, place);
+const kindOf = (front, k, scalar) => KINDS[front.kinds[k]] || scalar.name;
+
+function whyOf(front, on) {
+  const best = on.map((s, k) => `${percentOf(front.shares[k])} of the best ${kindOf(front, k, s)}`);
+  const all = front.burnt === front.cells, cameras = all ? front.cells : front.cells - front.burnt, clip = `more than ${percentOf(front.clipped)} of pixels or white`;
+  return [`Of ${plural(cameras, 'camera')}${front.burnt && !all ? ' that do not clip' : ''} it gives up least: ${listed(best)}. Every other falls below ${percentOf(Math.min(...front.shares))} in one of the two, or is no better.`,
+    all ? ` All of them clip ${clip}.` : front.burnt ? ` ${plural(front.burnt, 'camera')} that ${front.burnt === 1 ? 'clips' : 'clip'} ${clip} ${front.burnt === 1 ? 'is' : 'are'} drawn faint.` : ''];
+}
+
+function frontPlot(doc, front, on) {
+  const [x, y] = on, plot = el('div', { class: 'plot', id: 'front' }), sizes = front.dims.map((dim) => axisOf(dim).values.length), total = sizes.reduce((a, b) => a * b, 1);
+  const place = (n) => { let rest = n; const found = {}; for (let k = front.dims.length - 1; k >= 0; k--) { found[front.dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); } return found; };
+  const number = (at) => front.dims.reduce((a, dim, k) => a * sizes[k] + at[dim], 0), usable = front.usable && column(state.bytes, front.usable);
+  const kind = (k) => ({ label: `${on[k].figure.label.split(',')[0]}${on[k].figure.units ? `, ${unit(on[k].figure.units)}` : ''}`, better: front.better[k] === 'higher' });
+  sized(plot, (width) => {
+    const xs = [], ys = [], cells = [], faint = [];
+    for (let n = 0; n < total; n++) {
+      const at = place(n), a = x.figure.value(at, x.inner), b = y.figure.value(at, y.inner);
+      if (Number.isFinite(a) && Number.isFinite(b)) { xs.push(a); ys.push(b); cells.push(n); faint.push(usable ? !usable[n] : false); }
+    }
+    const index = new Map(cells.map((n, i) => [n, i])), line = front.on.map((at) => index.get(number(at))).filter((i) => i !== undefined);
+    const saying = (i) => (i < 0 ? ' ' : [`${withUnit(xs[i], x.figure.units)} · ${named(y.figure.variable)} ${withUnit(ys[i], y.figure.units, 3)} at ${where(front.dims, place(cells[i]))}${faint[i] ? ', clips' : ''}`]);
+    const [a, b] = [kind(0), kind(1)];
+    scatter(plot, width, { height: 240, x: { range: extent(xs), label: `${a.label}${a.better ? ' →' : ', ← less is better'}` }, y: { range: extent(ys, false, true), label: `${b.better ? '↑' : '↓ less is better:'} ${b.label}` }, points: { x: xs, y: ys, faint }, front: line, here: index.get(number(state.at)) ?? -1, star: index.get(number(doc.start)), pick: (i) => move(place(cells[i])), saying });
+  });
+  state.told.add(() => plot.redraw());
+  return plot;
+}
+
+// ---- what limits it
+
+function changed(scalar, now, then) {
+  if (scalar.figure.units === 'dB' || scalar.figure.units === 'stop' || !now) { const d = then - now; return `${d > 0 ? '+' : d < 0 ? '−' : '±'}${say(Math.abs(d), 2)} ${unit(scalar.figure.units)}`.trim(); }
+  const d = Math.round(100 * (then / now - 1));
+  return `${d > 0 ? '+' : d < 0 ? '−' : '±'}${Math.abs(d)} %`;
+}
+
+function limitsOf(doc, limits, front, on) {
+  const said = limits.map((one) => el('p', {}, 'Of ', KINDS[one.subject] || one.subject, ': ', el('strong', {}, FACTORS[one.factor] || named(one.factor)), one.gain && one.gain > 1 ? `; without it ${say(one.gain, 2)} times as much.` : '.'));
+  if (!front || !front.beside.length) return said;
+  const short = on.map((s, k) => ({ detail: 'detail', noise: 'SNR' }[front.kinds[k]] || s.name));
+  const rows = front.beside.map((one) => el('tr', { class: one.usable ? '' : 'clips' }, el('td', {}, axisValue(axisOf(one.dim), one.place)), on.map((s, k) => el('td', { class: 'number' }, changed(s, s.figure.value(doc.start, s.inner), one.values[k]))), el('td', {}, one.usable ? '' : 'clips')));
+  return [...said, el('table', { class: 'beside-it' }, el('thead', {}, el('tr', {}, el('th', { scope: 'col' }, 'one step away'), short.map((name) => el('th', { scope: 'col', class: 'number' }, name)), el('th', { scope: 'col' }))), el('tbody', {}, rows))];
+}
+
+function errorOf(doc, error) {
+  if (!doc.ended) return el('p', {}, 'Told when a run has ended.');
+  const whole = doc.measured[0];
+  return [error.stage ? el('p', {}, 'No stage is farther than ', el('strong', {}, say(error.largest, 2)), ` of full scale from its own exact result (${named(error.stage)}, ${error.how}).`) : el('p', {}, 'No stage states an error.'),
+    error.bound ? el('p', {}, `What was left out or made coarser adds at most ${say(error.bound, 2)} to a stage.`) : null,
+    whole ? el('p', {}, `The whole camera: ${named(whole.variable)} ${say(whole.rms, 2)} rms against the reference settings.`) : el('p', { class: 'soft' }, 'The whole camera: etendue run … --measure')];
+}
