@@ -15,7 +15,6 @@ import math
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -86,19 +85,14 @@ def measure(camera: str, mpixel: float, bands: int, precision: str, workers: int
 
         run(WARM)
         gc.collect()
-        began, plan = time.perf_counter(), planned(camera, mpixel, bands, precision)
-        looked = time.perf_counter() - began
-        began = time.perf_counter()
-        expected = peak_memory(plan, workers, not archive)
-        counted = time.perf_counter() - began
-        del plan
+        expected = peak_memory(planned(camera, mpixel, bands, precision), workers, not archive)
         base = status("VmRSS")
         Path("/proc/self/clear_refs").write_text("5")
         outcome = run(mpixel)
         found = status("VmHWM") - base
     return {
-        "measured": found, "planned": expected.bytes, "where": expected.ref[0] if expected.ref else "", "alone": expected.alone, "base": base,
-        "failed": [r.message for r in outcome.failed], "planning": looked, "counting": counted,
+        "measured": found, "planned": expected.bytes, "where": expected.ref[0] if expected.ref else "",
+        "failed": [r.message for r in outcome.failed],
     }  # fmt: skip
 
 
@@ -132,10 +126,10 @@ def main() -> int:
             ratio = found["planned"] / found["measured"]
             worst = max(worst, ratio, 1 / ratio)
             shown = f"{bands:5d}" if camera in ("smallest", "sensors") else "    -"
+            sizes = f"{found['measured'] / 1e6:7.0f} MB {found['planned'] / 1e6:7.0f} MB"
+            failed = f" FAILED {found['failed'][0]}" if found["failed"] else ""
             print(
-                f"{camera:15s} {mpixel:6g} {shown} {precision:9s} {workers:7d} {found['measured'] / 1e6:7.0f} MB {found['planned'] / 1e6:7.0f} MB "
-                f"{ratio:6.2f}  {found['where']} ({found['counting']:.2f} s){' FAILED ' + found['failed'][0] if found['failed'] else ''}",
-                flush=True,
+                f"{camera:15s} {mpixel:6g} {shown} {precision:9s} {workers:7d} {sizes} {ratio:6.2f}  {found['where']}{failed}", flush=True
             )
     print(f"worst: {worst:.2f} times, either way")
     return 0

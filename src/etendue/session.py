@@ -19,7 +19,6 @@ from etendue.calls import called
 from etendue.errors import PluginError, RequestError, nearest
 from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
-from etendue.plan.machine import check_machine
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
 from etendue.plan.resume import Work
@@ -27,8 +26,10 @@ from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
+from etendue.run.machine import check_machine
 from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
+from etendue.run.peak_memory import workers_of
 from etendue.run.serial import run_serial
 from etendue.run.tables import TABLES
 from etendue.run.watch import Stop, watched
@@ -161,7 +162,8 @@ def execute(
         from etendue.archive import keeper  # noqa: F401
     TREES_OUT.collect()
     with interrupts.held(), SELDOM_COLLECTING:  # signals are answered where nothing is torn
-        check_machine(plan, Path(archive) if archive is not None else None)
+        drawn = archive is not None or options.pictures
+        check_machine(plan, Path(archive) if archive is not None else None, workers_of(options.scheduler, options.workers), drawn)
         return _execute(plan, into or _keeper(archive, options), options, progress)
 
 

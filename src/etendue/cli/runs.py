@@ -41,18 +41,31 @@ def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
 
 @command("plan")
 @pipeline_options
-def plan(given: Given, as_json: bool) -> None:
-    """What would run: stages, cells, bytes, time, what is left out and why."""
-    from etendue.plan.planner import summary, without_collecting
+@SCHEDULER
+@WORKERS
+def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> None:
+    """What would run: stages, cells, bytes, time, what is left out and why.
 
+    What `run` would refuse because the machine is too small, with these workers and into the archive of that name here, is said behind
+    it; the exit code is then 5, as that of `run`.
+    """
+    from etendue.plan.planner import summary, without_collecting
+    from etendue.run.machine import check_machine
+    from etendue.run.peak_memory import peak_memory, workers_of
+    from etendue.session import check_scheduler
+
+    here = Path.cwd()  # a plugin may change it
+    count = workers_of(check_scheduler(scheduler), workers or 0)
     with without_collecting():  # to the end: looking through a plan that is let go of takes as long as printing it
-        document = summary(_plan(given, as_json))
+        made = _plan(given, as_json)
+        document = summary(made, peak_memory(made, count).bytes)
         if as_json:
             say(document)
-            return
-        from etendue.report.terminal import print_plan
+        else:
+            from etendue.report.terminal import print_plan
 
-        show(print_plan, document)
+            show(print_plan, document)
+        check_machine(made, here / made.pipeline.name, count)
 
 
 def _how(function: Any) -> Any:

@@ -20,6 +20,7 @@ from etendue.composing.stages import Placed, maker, plain
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plan.planner import make_plan, summary
 from etendue.registry import installed_stages
+from etendue.run.peak_memory import peak_memory, workers_of
 from etendue.session import Options, check_scheduler, execute
 from etendue.spec import camera, toml
 from etendue.spec.overrides import TOP, axis_name
@@ -50,7 +51,7 @@ class Planned:
 
     def document(self) -> dict[str, Any]:
         """What ``etendue plan --json`` prints."""
-        return summary(self.plan)
+        return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
 
     def __repr__(self) -> str:
         own = self.document()

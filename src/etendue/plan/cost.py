@@ -1,4 +1,4 @@
-"""Cost before running: bytes stored, memory held, seconds expected.
+"""Cost before running: bytes stored, seconds expected.
 
 Seconds are an estimate from a stage's ``nanoseconds`` per value written (per padded value and band for transfer functions), which is
 what it takes at its defaults, and from the costs of its knobs; the table at the end of a run has the measured ones.
@@ -86,19 +86,3 @@ def gathered_share(stage: Stage, grid: Grid) -> float:
     """Of the planes that a stage with a sum over wavelength transforms, of as many as there are bands."""
     terms = stage.terms() if isinstance(stage, Summed) else 0
     return min(1.0, terms / grid.bands().size) if terms else 1.0
-
-
-def cell_memory(node: Node, cell: Cell, precision: str) -> int:
-    """Bytes held while one cell is computed: what it reads, writes, and its working copies; of what is made by band, few bands."""
-    size = 4 if precision == "float32" else 8
-    own = sum(_held(d.dims, cell.grids[v], precision, item_bytes(d, precision)) for v, d in node.writes.items())
-    read = sum(_held(tuple(dim for dim, _ in g.entries), g, precision, size) for g in cell.input_grids.values())
-    grid = cell.input_grids[cell.inputs[0][0]] if node.segment else None
-    gathered = (cell.stage.terms() if isinstance(cell.stage, Summed) else 0) * size * grid["y"].size * grid["x"].size if grid else 0
-    return 2 * own + gathered + (5 * read if node.segment else 2 * read)
-
-
-def _held(dims: tuple[str, ...], grid: Grid, precision: str, size: int) -> int:
-    """Bytes of a variable, or of three of its bands where it is made by band."""
-    whole = size * grid.count
-    return 3 * whole // grid.bands().size if set(dims) == {"wavelength", "y", "x"} and whole > LARGEST_WHOLE else whole

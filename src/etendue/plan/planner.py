@@ -20,7 +20,6 @@ from etendue.plan.cells import Choice, Told, expand
 from etendue.plan.fields import notes_on_the_scene
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
-from etendue.plan.strips import peak_memory
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.registry import Registry
 from etendue.spec.names import LOOKS
@@ -155,8 +154,8 @@ def _rewritten_in_vain(nodes: Any) -> list[str]:
     return notes
 
 
-def summary(plan: Plan) -> dict[str, Any]:
-    """The plan as JSON: ``etendue plan --json``."""
+def summary(plan: Plan, peak_memory: int | None = None) -> dict[str, Any]:
+    """The plan as JSON: ``etendue plan --json``; ``peak_memory``: bytes that a run of it holds at most."""
     stages = []
     written: dict[tuple[str, str], int] = {}  # bytes, by stage and variable
     for node in plan.nodes:
@@ -190,7 +189,7 @@ def summary(plan: Plan) -> dict[str, Any]:
             for word, chosen in (("all", None), (LOOKS, (LOOKS,)))
         },
         "seconds": sum(s["seconds"] for s in stages),
-        "peak_memory": peak_memory(plan),
+        "peak_memory": peak_memory,
         "precision": plan.precision,
         "tolerance": plan.pipeline.tolerance if plan.leaves_out else None,
         "norm": plan.pipeline.norm,

@@ -1,7 +1,7 @@
 """Which cells of large frames can be worked in strips, and what is held while they are.
 
 In:  a plan.
-Out: for a cell its frame and the rows around a row that it needs; bytes that a run holds at once.
+Out: for a cell its frame and the rows around a row that it needs.
 
 A cell goes in strips where its frame is large and its stage needs no more than a few rows around a row (``Haloed``, or ``elementwise``).
 Neighbours of one frame that do are worked together: what only they read is never whole.
@@ -85,60 +85,3 @@ def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:
 def rows_of(width: int, halos: list[int]) -> int:
     """Rows of the strips of cells that go together."""
     return max(STRIP // width, *(HALOS * halo for halo in halos), TILE) // TILE * TILE
-
-
-def peak_memory(plan: Plan, workers: int = 2) -> int:
-    """Bytes a run is expected to hold above the interpreter: the two largest of what each worker has under way, if there are as many.
-
-    Of cells worked in strips their strips, and whole what is kept of them, or read by others. Measured by
-    ``benchmarks/raw_to_colour.py``.
-    """
-    nodes = {node.name: node for node in plan.nodes}
-    largest: dict[str, Cell] = {}
-    memory: dict[str, int] = {}
-    for node in plan.nodes:
-        for cell, _ in cost.alike(plan.of(node.name)):
-            need = cost.cell_memory(node, cell, plan.precision)
-            if need > memory.get(node.name, -1):
-                largest[node.name], memory[node.name] = cell, need
-    walkers = {
-        name: found
-        for name, cell in largest.items()
-        if is_large(cell.grids, cell.input_grids) and (found := walker(plan, nodes[name], cell)) is not None
-    }
-    held: list[int] = []
-    for members in _together(largest, walkers):
-        own = sum(memory[name] for name in members) if members[0] not in walkers else _in_strips(plan, nodes, largest, walkers, members)
-        held += [own] * min(workers, max(len(plan.of(name)) for name in members))
-    return sum(sorted(held, reverse=True)[: 2 * workers])
-
-
-def _together(largest: Mapping[str, Cell], walkers: Mapping[str, Walker]) -> list[list[str]]:
-    """Stages whose cells are worked together: neighbours of one frame that go in strips; each other alone."""
-    home: dict[str, list[str]] = {}
-    for name, cell in largest.items():
-        own = home[name] = [name]
-        for _, (source, _), _ in cell.inputs if name in walkers else ():
-            if source in walkers and walkers[source].frame == walkers[name].frame and home[source] is not own:
-                own += home[source]
-                for other in home[source]:
-                    home[other] = own
-    return list({id(members): members for members in home.values()}.values())
-
-
-def _in_strips(
-    plan: Plan, nodes: Mapping[str, Node], largest: Mapping[str, Cell], walkers: Mapping[str, Walker], members: list[str]
-) -> int:  # fmt: skip
-    """Bytes held while some stages of a frame are worked together."""
-    inside, frame = set(members), walkers[members[0]].frame
-    outside = {(source, v) for name, cell in largest.items() if name not in inside for _, (source, _), v in cell.inputs}
-    share = min(rows_of(frame[1], [walkers[name].halo for name in members]) / frame[0], 1.0)
-    whole, strips = 0, 0.0
-    for name in members:
-        node, cell = nodes[name], largest[name]
-        asked = [v for v in node.writes if (name, v) in plan.kept or (name, v) in outside]
-        whole += cost.cell_bytes(node, cell, plan.precision, asked)
-        strips += share * cost.cell_memory(node, cell, plan.precision)
-    for source, v in {(source, v) for name in members for _, (source, _), v in largest[name].inputs if source not in inside}:
-        whole += cost.cell_bytes(nodes[source], largest[source], plan.precision, [v])
-    return whole + int(strips)

@@ -119,7 +119,8 @@ class _Mixing:
     """Planes brought to their colours as they come: what is held is three of them, however many there are."""
 
     def __init__(self, seen: Appearance) -> None:
-        self.seen, self.sum, self.apart = seen, None, []  # type: ignore[var-annotated]
+        self.seen, self.apart = seen, list[Any]()
+        self.sum: Any = None
 
     def add(self, number: int, plane: Any) -> None:
         if self.seen.matrix is None:

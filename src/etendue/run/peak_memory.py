@@ -14,7 +14,8 @@ import heapq
 import itertools
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 from etendue.physics.light.sampling import padded_size
 from etendue.plan import cost
@@ -35,6 +36,7 @@ AROUND = 4  # times as many combinations of a sweep as there are workers are gon
 LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
 SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
 SHOWN = 256  # samples on a side up to which a picture is kept whole
+_LOOK = object()  # what is only looked at is made small where it is made, and need not be whole
 Piece = tuple[CellRef, str]  # a variable of a cell, or its spectrum
 
 
@@ -52,13 +54,13 @@ def workers_of(scheduler: str, workers: int) -> int:
     return 1 if scheduler == "serial" else workers or os.cpu_count() or 1
 
 
-def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False) -> Peak:
-    """The most bytes that are held at once while a plan is computed."""
-    part, jobs = _jobs(plan, workers, in_memory)
+def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures: bool = True) -> Peak:
+    """The most bytes that are held at once while a plan is computed; ``pictures``: whether a cell of every stage is drawn."""
+    jobs = _jobs(plan, workers, in_memory, pictures)
     if not jobs:
         return Peak(0)
-    show = set(shown_cells(plan).values())
-    found = _Run(part, jobs, show, in_memory, workers).peak()
+    show = set(shown_cells(plan).values()) if pictures else set()
+    found = _Run(plan, jobs, show, in_memory, workers).peak()
     if in_memory:
         found.bytes += kept_bytes(plan)
     return found
@@ -73,16 +75,15 @@ def kept_bytes(plan: Plan) -> int:
     )  # fmt: skip
 
 
-def _jobs(plan: Plan, workers: int, in_memory: bool) -> tuple[Plan, Mapping[CellRef, Job]]:
+def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[CellRef, Job]:
     """The jobs of the largest cells and of some beside them."""
     chosen = _chosen(plan, AROUND * workers)
     refs = [ref for ref in plan.cells if all(i in chosen[dim] for dim, i in zip(plan.node(ref[0]).axes, ref[1], strict=True))]
-    if len(refs) < len(plan.cells):
-        needed = ancestry(plan, refs)
-        plan = replace(plan, cells={ref: cell for ref, cell in plan.cells.items() if ref in needed})
-    show = frozenset(ref for ref in shown_cells(plan).values() if ref in plan.cells)
+    todo = ancestry(plan, refs) if len(refs) < len(plan.cells) else set(refs)
+    show = frozenset(ref for ref in shown_cells(plan).values() if pictures and ref in todo)
+    looks: dict[CellRef, Any] = dict.fromkeys(show, _LOOK)
     place = (lambda ref, variable: True if (ref[0], variable) in plan.kept else None) if in_memory else None
-    return plan, make_jobs(plan, set(plan.cells), lambda cell: None, deliver_all=in_memory, show=show, place=place)
+    return make_jobs(plan, todo, lambda cell: None, deliver_all=in_memory, show=show, place=place, looks=looks)
 
 
 def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
@@ -269,7 +270,7 @@ class _Run:
         return self.factor(job) * max(read, written) / mapped
 
     def factor(self, job: Job) -> float:
-        """How many times what it reads or writes a stage works with: scenes are made in float64, and brought to the precision of the run."""
+        """How many times what it reads or writes a stage works with: scenes are made in float64 first."""
         return job.stage.working + (2.0 if is_source(type(job.stage)) and self.size == 4 else 0.0)
 
     def whole_of_bands(self, job: Job) -> float:
