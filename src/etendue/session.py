@@ -16,7 +16,7 @@ from typing import Any
 
 from etendue import interrupts
 from etendue.calls import called
-from etendue.errors import PluginError, RequestError, nearest
+from etendue.errors import PluginError, RequestError
 from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
@@ -26,7 +26,7 @@ from etendue.plan.shown import shown_cells, where_shown
 from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
 from etendue.run.jobs import make_jobs
-from etendue.run.machine import check_machine
+from etendue.run.machine import check_machine, check_scheduler
 from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.peak_memory import workers_of
@@ -322,13 +322,6 @@ def _run(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, o
         workers = options.workers or os.cpu_count() or 1
         how: Any = (options.scheduler, workers, stop, options.cell_timeout, platform_record, mark)
         watched(lambda: run_parallel(batches, deliver, before, after, *how), stop)
-
-
-def check_scheduler(text: str) -> str:
-    names = ("serial", "threads", "processes", "distributed")
-    if text not in names and not text.startswith(("tcp://", "tls://")):
-        raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
-    return text
 
 
 def check_timeout(options: Options) -> None:

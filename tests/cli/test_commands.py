@@ -355,7 +355,7 @@ def test_a_stage_of_several_sizes_is_shown_once(capsys):
     stage = {"name": "pixel", "variables": variables, "cells": {"done": 4}, "planned": 4, "finished": 4}
     print_archive({
         "archive": "a", "pipeline": "p", "bytes": 1, "runs": 1, "running": False, "began": "", "planned": 4, "finished": 4, "rate": None,
-        "axes": {"pixel_pitch": [1.0, 2.0, 3.0, 4.0]}, "stages": [stage], "store": "a/data.zarr",
+        "partial": None, "axes": {"pixel_pitch": [1.0, 2.0, 3.0, 4.0]}, "stages": [stage], "store": "a/data.zarr",
     })  # fmt: skip
     lines = [line.split() for line in capsys.readouterr().out.splitlines() if "done" in line or "photon_rate" in line]
     assert lines == [["pixel", "(4", "sizes)", "4", "done", "pitch"], ["photon_rate", "channel=3", "y=20..40", "x=20..40", "[electron/s]"]]

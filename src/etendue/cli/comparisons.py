@@ -48,7 +48,8 @@ def compare(
     Exit codes: 0 done, 2 the request is wrong, 3 an alternative broke off, or one that was named is refused, or all but one are.
     """
     from etendue.report.terminal import TerminalProgress
-    from etendue.session import Options, check_scheduler
+    from etendue.run.machine import check_scheduler
+    from etendue.session import Options
     from etendue.studies.axis import parse_axis
     from etendue.studies.compare import compare as measure
     from etendue.studies.files import check_folder
@@ -101,7 +102,8 @@ def quality(
     from etendue.registry import installed_stages
     from etendue.report.quality import print_quality
     from etendue.report.terminal import TerminalProgress
-    from etendue.session import Options, check_scheduler
+    from etendue.run.machine import check_scheduler
+    from etendue.session import Options
     from etendue.studies.quality import pictures_of, write
     from etendue.studies.quality import quality as measure
 

@@ -50,9 +50,8 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
     it; the exit code is then 5, as that of `run`.
     """
     from etendue.plan.planner import summary, without_collecting
-    from etendue.run.machine import check_machine
+    from etendue.run.machine import check_machine, check_scheduler
     from etendue.run.peak_memory import peak_memory, workers_of
-    from etendue.session import check_scheduler
 
     here = Path.cwd()  # a plugin may change it
     count = workers_of(check_scheduler(scheduler), workers or 0)
@@ -117,7 +116,8 @@ def run(
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: leave out --tolerance and --nothing-left-out")
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.session import Options, check_scheduler, check_timeout, execute
+    from etendue.run.machine import check_scheduler
+    from etendue.session import Options, check_timeout, execute
 
     options = Options(check_scheduler(scheduler), workers or 0, **how)
     check_timeout(options)
@@ -167,7 +167,8 @@ def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None,
     from etendue.archive import places
     from etendue.archive.again import recorded
     from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.session import Options, check_scheduler, check_timeout, execute
+    from etendue.run.machine import check_scheduler
+    from etendue.session import Options, check_timeout, execute
 
     options = Options(check_scheduler(scheduler), workers or 0, **how)
     check_timeout(options)

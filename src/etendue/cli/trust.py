@@ -42,7 +42,8 @@ def reproduce(
     from etendue.archive import places
     from etendue.report.terminal import TerminalProgress
     from etendue.report.trust import print_reproduction
-    from etendue.session import Options, check_scheduler
+    from etendue.run.machine import check_scheduler
+    from etendue.session import Options
     from etendue.studies.reproducing import document
     from etendue.studies.reproducing import reproduce as again
 
@@ -122,7 +123,8 @@ def verify(
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
         else:
             from etendue.report.terminal import TerminalProgress
-            from etendue.session import Options, check_scheduler
+            from etendue.run.machine import check_scheduler
+            from etendue.session import Options
             from etendue.studies.repairing import document as of_repaired
             from etendue.studies.repairing import repair as mend
 

@@ -16,7 +16,8 @@ from etendue.calls import called_methods
 from etendue.plots import glance_page
 from etendue.plots.accessor import TreeAccessor
 from etendue.plots.glance import Glance, glance, glance_at
-from etendue.session import Options, check_scheduler
+from etendue.run.machine import check_scheduler
+from etendue.session import Options
 
 if TYPE_CHECKING:
     import xarray

@@ -20,8 +20,9 @@ from etendue.composing.stages import Placed, maker, plain
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plan.planner import make_plan, summary
 from etendue.registry import installed_stages
+from etendue.run.machine import check_scheduler
 from etendue.run.peak_memory import peak_memory, workers_of
-from etendue.session import Options, check_scheduler, execute
+from etendue.session import Options, execute
 from etendue.spec import camera, toml
 from etendue.spec.overrides import TOP, axis_name
 from etendue.spec.pipeline import Pipeline as Written

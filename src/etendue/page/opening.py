@@ -25,7 +25,7 @@ from etendue.spec.variables import Variable
 from etendue.spec.variables import variable as known
 
 OPEN = ("detail", "noise", "dynamic range", "clipping", "aliasing", "colour", "information", "exposure")  # a figure of each stands open
-SUBJECTS = (*OPEN, "defects", "lens", "pixel")
+SUBJECTS = (*OPEN, "defective pixels", "lens", "pixel")
 OTHER = "other"
 MOST_OPEN = 8
 CLIPPED = 0.01  # share of pixels: a camera that clips more is not chosen while others clip less

@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from etendue.errors import MachineError
+from etendue.errors import MachineError, RequestError, nearest
 from etendue.plan import machine
 from etendue.plan.cost import alike, cell_bytes
 from etendue.plan.model import Cell, CellRef, Plan
@@ -86,3 +86,10 @@ def _way_out(plan: Plan, one: int, room: int) -> str:
         what = f"one cell takes {human_bytes(one)}" if one > room else "nothing is swept"
         return f"; {what}: take a wider spacing of the scene, a wider bin_width, a smaller window on the sensor, or a shorter 'keep'"
     return f"; the axis {longest.key} has {len(longest.values)} values; shorten 'keep' or the sweep"
+
+
+def check_scheduler(text: str) -> str:
+    names = ("serial", "threads", "processes", "distributed")
+    if text not in names and not text.startswith(("tcp://", "tls://")):
+        raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
+    return text

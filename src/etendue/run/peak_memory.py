@@ -27,6 +27,7 @@ from etendue.run.batches import Batch, partition
 from etendue.run.job import Job
 from etendue.run.jobs import make_jobs
 from etendue.run.order import depth_first
+from etendue.run.peak_segments import segment_bytes
 from etendue.run.tables import LARGEST_CACHE, LARGEST_PATTERN
 from etendue.spec.capabilities import halo_of, is_source
 from etendue.spec.stage import arguments_of
@@ -234,8 +235,6 @@ class _Run:
 
     def cell(self, job: Job) -> float:
         """Bytes that come to what is held while a cell is computed and stored; what its result holds is noted."""
-        from etendue.run.peak_segments import segment_bytes
-
         if job.segment is not None:
             own, working = segment_bytes(self, job)
         elif job.left_out:
