@@ -79,7 +79,7 @@ def test_so_are_fifty_rounds_of_each_kind_in_every_way(many_runs, tmp_path, way,
 
 
 def test_blas_has_one_thread_whichever_thread_begins_and_ends_the_runs():
-    """Also where another thread has asked ``threadpoolctl`` for a number of its own, and where runs end in another order than they began."""
+    """Also where another has asked ``threadpoolctl`` for a number of its own, and where runs end in another order than they began."""
 
     def threads():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
