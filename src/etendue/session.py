@@ -336,7 +336,7 @@ def simulate(
     pipeline: str | Path | Mapping[str, Any] | Source,
     *,
     archive: str | Path | None = None,
-    want: Iterable[str] | None = None,
+    want: str | Iterable[str] | None = None,
     scheduler: str = "threads",
     workers: int = 0,
     leave_out: bool = True,
@@ -348,7 +348,7 @@ def simulate(
     ----------
     pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
     archive : folder, or s3://bucket/prefix/name, to keep and resume; or None to stay in memory
-    want : variables to compute, instead of the file's ``wanted``
+    want : variables, or one, to compute, instead of the file's ``wanted``
     scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
     leave_out : whether what the scene does not need may be left out
     **parameters : camera quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
@@ -376,7 +376,7 @@ def simulate(
         else:
             overrides[key if "." in key else f"camera.{key}"] = value
     if want is not None:
-        overrides["wanted"] = list(want)
+        overrides["wanted"] = [want] if isinstance(want, str) else list(want)
     plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)
     outcome = execute(plan, archive, Options(check_scheduler(scheduler), workers))
     if outcome.failed:

@@ -10,6 +10,7 @@ import etendue
 from etendue import stages as s
 from etendue.calls import in_arguments
 from etendue.errors import ArchiveError, EtendueError, PluginError, RequestError
+from etendue.models import Irradiance
 from tests.run.small import BARE
 
 LIGHT = {"white_luminance": "100 cd m-2", "width": "80 um", "height": "80 um"}
@@ -28,6 +29,9 @@ def tree():
 REFUSED = {
     "a camera quantity": (lambda p, t: p.camera(f_numbr=3).plan(), "camera.f_numbr: unknown camera quantity"),
     "an axis": (lambda p, t: p.sweep(f_numbr=[2, 3]).run(), "sweep.f_numbr: there is nothing named"),
+    "a stage itself": (lambda p, t: p.swap("irradiance", Irradiance()), "stage 2: expected a placed stage, got Irradiance("),
+    "one variable": (lambda p, t: etendue.simulate(p, want="foo"), "no stage of this pipeline writes 'foo'"),
+    "one variable to run": (lambda p, t: p.run(want="foo"), "no stage of this pipeline writes 'foo'"),
     "a parameter of a stage": (lambda p, t: s.uniform(lumen=3), "uniform.lumen: there is no such parameter"),
     "a scheduler": (lambda p, t: p.run(scheduler="thread"), "scheduler='thread': there is no such scheduler"),
     "an axis to compare": (lambda p, t: p.compare("irradiance"), "axis='irradiance': irradiance is a stage"),

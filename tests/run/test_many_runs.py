@@ -14,10 +14,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from threadpoolctl import ThreadpoolController, threadpool_info
 
 import etendue
 from etendue.archive.verify import verify
 from etendue.errors import ArchiveInUse
+from etendue.run.one_thread import ONE_THREAD
 from tests.run.small import environment
 
 PROGRAM = Path(__file__).parents[2] / "benchmarks" / "many_runs.py"
@@ -74,6 +76,36 @@ def test_so_are_those_with_archives_of_their_own(many_runs, tmp_path):
 @pytest.mark.parametrize(("way", "kinds"), LONG, ids=["-".join((way, *(kinds if len(kinds) == 1 else ("mix",)))) for way, kinds in LONG])
 def test_so_are_fifty_rounds_of_each_kind_in_every_way(many_runs, tmp_path, way, kinds):
     right(many_runs, tmp_path, way, kinds, rounds=50)
+
+
+def test_blas_has_one_thread_whichever_thread_begins_and_ends_the_runs():
+    """Also where another has asked ``threadpoolctl`` for a number of its own, and where runs end in another order than they began."""
+
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    def elsewhere(work):
+        with ThreadPoolExecutor(1) as pool:
+            return pool.submit(work).result()
+
+    def whole():
+        with ONE_THREAD:
+            return threads()
+
+    own = ThreadpoolController().limit(limits=2)
+    try:
+        assert [whole(), threads(), elsewhere(whole), threads()] == [{1}, {2}, {1}, {2}]
+        elsewhere(ONE_THREAD.__enter__)
+        ONE_THREAD.__enter__()
+        elsewhere(ONE_THREAD.__exit__)
+        assert threads() == {1}
+        ONE_THREAD.__exit__()
+        assert threads() == {2}
+        ONE_THREAD.__enter__()
+        elsewhere(ONE_THREAD.__exit__)
+        assert threads() == {2}
+    finally:
+        own.restore_original_limits()
 
 
 COLD = """

@@ -27,6 +27,7 @@ from etendue.spec import camera, toml
 from etendue.spec.overrides import TOP, axis_name
 from etendue.spec.pipeline import Pipeline as Written
 from etendue.spec.pipeline import Source, parse_pipeline, read_pipeline
+from etendue.spec.stage import Stage
 
 if TYPE_CHECKING:
     from etendue.plan.model import Plan
@@ -137,7 +138,9 @@ class Pipeline(Source):
     def swap(self, name: str, stage: Placed) -> Pipeline:
         """Another stage in the place of the one of a name, under that name."""
         at = self._position(name)
-        return replaced(self, (*self.stages[:at], replace(stage, name=name), *self.stages[at + 1 :]))
+        if isinstance(stage, Placed):
+            stage = replace(stage, name=name)
+        return replaced(self, (*self.stages[:at], stage, *self.stages[at + 1 :]))
 
     def remove(self, *names: str) -> Pipeline:
         """Without the stages of these names."""
@@ -222,7 +225,7 @@ class Pipeline(Source):
         return Planned(make_plan(self.written(), installed_stages(), leave_out))
 
     def run(
-        self, archive: str | Path | None = None, *, want: Iterable[str] | None = None, scheduler: str = "threads", workers: int = 0,
+        self, archive: str | Path | None = None, *, want: str | Iterable[str] | None = None, scheduler: str = "threads", workers: int = 0,
         leave_out: bool = True, progress: bool = True, durable: bool = False,
     ) -> Outcome:  # fmt: skip
         """Compute what is not there yet, with a progress bar in terminals and notebooks.
@@ -230,7 +233,7 @@ class Pipeline(Source):
         Parameters
         ----------
         archive : a folder that is kept and resumed; None to stay in memory
-        want : variables instead of those of the pipeline
+        want : variables, or one, instead of those of the pipeline
 
         Returns
         -------
@@ -239,7 +242,8 @@ class Pipeline(Source):
         """
         from etendue.report.terminal import TerminalProgress
 
-        made = (self.want(*want) if want is not None else self).plan(leave_out).plan
+        chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
+        made = chosen.plan(leave_out).plan
         outcome = execute(
             made, archive, Options(check_scheduler(scheduler), workers, durable), TerminalProgress(made) if progress else None
         )
@@ -316,6 +320,8 @@ def _number(text: str) -> Any:
 def _no_stage(one: Any) -> str:
     if callable(one):
         return f"expected a placed stage, got the function {one!r}: call it"
+    if isinstance(one, Stage):
+        return f"expected a placed stage, got {one!r} itself: a stage of your own is installed, and then etendue.stages.NAME(...)"
     return f"expected a placed stage such as etendue.stages.irradiance(), got {one!r}"
 
 

@@ -22,7 +22,7 @@ class OneThread(MetaPathFinder):
 
     def __init__(self) -> None:
         self.lock, self.count = threading.RLock(), 0
-        self.limits: list[Any] = []  # each knows of the libraries that it found with more threads
+        self.held: list[tuple[Any, int]] = []  # libraries, each with the number of threads that it had
 
     def __enter__(self) -> None:
         with self.lock:
@@ -36,17 +36,19 @@ class OneThread(MetaPathFinder):
             self.count -= 1
             if not self.count:
                 sys.meta_path.remove(self)
-                while self.limits:
-                    self.limits.pop().restore_original_limits()
+                while self.held:
+                    _give(*self.held.pop())
 
     def limit(self) -> None:
         """Hold to one thread what is not yet."""
         from threadpoolctl import ThreadpoolController
 
         with self.lock:  # in here nothing is imported: who imports waits for it
-            there = ThreadpoolController()
-            if any(library["num_threads"] != 1 for library in there.info()):
-                self.limits.append(there.limit(limits=1))
+            for library in ThreadpoolController().lib_controllers:
+                had = library.num_threads
+                if had is not None and had != 1:
+                    self.held.append((library, had))
+                    _give(library, 1)
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         """What the other finders find, looked at again behind its import."""
@@ -80,6 +82,20 @@ class _Watched(Loader):
         with self.one_thread.lock:
             if self.one_thread.count:
                 self.one_thread.limit()
+
+
+def _give(library: Any, threads: int) -> None:
+    """So many threads to a library. From 3.8 on, ``threadpoolctl`` listens to one thread of a process alone, the first that asked, and
+    lets all others ask in vain: that is cleared before, for this one, and behind it, for whoever comes next."""
+    clear = getattr(library, "clear_controlling_thread", None)
+    for _ in range(8):  # somebody else may ask in between
+        if clear:
+            clear(force=True)
+        library.set_num_threads(threads)
+        if clear:
+            clear(force=True)
+        if library.num_threads == threads:
+            return
 
 
 ONE_THREAD = OneThread()

@@ -30,6 +30,7 @@ from etendue.plan.model import CellRef
 from etendue.run.batches import BatchResult, run_batch
 from etendue.run.job import Job
 from etendue.run.memory import keep_freed_memory
+from etendue.run.one_thread import ONE_THREAD
 from etendue.run.watch import GRACE, Stop, Stopped
 from etendue.streams import show_warning
 from etendue.telling import said
@@ -37,19 +38,15 @@ from etendue.telling import said
 FROM_OUTSIDE = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT})  # a cell is given a second chance
 LOOK = 0.2
 STARTING = 120.0  # seconds beyond a time limit in which a worker may import what it needs
-_limits: Any = None
 
 
 # -- in the worker ------------------------------------------------------------------------------------------
 
 
 def one_thread_inside() -> None:
-    """BLAS with one thread: results must not depend on how many there are."""
-    global _limits
+    """BLAS with one thread, also that of libraries which are imported later: results must not depend on how many there are."""
     keep_freed_memory()
-    from threadpoolctl import threadpool_limits
-
-    _limits = threadpool_limits(1)
+    ONE_THREAD.__enter__()  # for as long as the process lives
 
 
 def begin_worker() -> None:
