@@ -99,7 +99,7 @@ def test_a_picture_is_taken_behind_a_stage_that_stands_in_a_camera_and_behind_on
     swapped = gallery.in_place(base, "demosaic_nearest")
     assert [p.use for p in swapped.stages if p.name == "demosaic"] == ["demosaic_nearest"]
     behind = [p.use for p in gallery.in_place(base, "denoise").stages]
-    assert behind[behind.index("denoise") - 1] == "demosaic_directional"
+    assert behind[behind.index("denoise") - 1] == "demosaic_residual"
     kinds = [p for p in swapped.stages if p.use in ("demosaic_nearest", "mosaic")]
     seen = gallery._seen(swapped, "smallest", kinds, {"demosaic_nearest": "rgb_camera", "mosaic": "photocurrent"})
     assert {name: picture.pixels.shape for name, picture in seen.items()} == {"demosaic_nearest": (96, 128, 3), "mosaic": (96, 128, 3)}

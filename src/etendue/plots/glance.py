@@ -260,10 +260,16 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
         if not (math.isfinite(own) or finite.size):
             continue
         least, most = (float(finite.min()), float(finite.max())) if finite.size else (math.nan, math.nan)
-        found.append(Figure(one.variable, f"{one.title}{behind}", one.units, own, least, most))
+        found.append(Figure(one.variable, _placed(one.title, behind), one.units, own, least, most))
         if len(found) == MOST_FIGURES:
             break
     return found
+
+
+def _placed(title: str, behind: str) -> str:
+    """The stage goes before what a figure leaves out: 'MTF50 behind pixel, without sharpen'."""
+    name, without, rest = title.partition(", without ")
+    return f"{name}{behind}{without}{rest}"
 
 
 def _pictures(holdings: Holdings, at: Mapping[str, Any]) -> list[Tile]:

@@ -59,7 +59,11 @@ def page(one: Glance, run: str = "") -> str:
     if one.pictures:
         parts.append(_strip(one.pictures, one.at))
     if one.figures:
-        heads = ("figure", f"at {one.at}" if one.at else "value", *(("over the sweep",) if one.axes else ()))
+        heads = (
+            "figure",
+            f"at {one.at}".replace(" ", "\N{NO-BREAK SPACE}") if one.at else "value",
+            *(("over the sweep",) if one.axes else ()),
+        )
         parts.append(table("Figures", heads, [_figure_row(own, bool(one.axes)) for own in one.figures]))
     if one.omitted:
         rows = [(stage, f"{n} of {of}", why, _bound(most), _seconds(saved)) for stage, n, of, why, most, saved in one.omitted[:MOST_ROWS]]
@@ -102,7 +106,8 @@ def _more(rows: Sequence[Any]) -> list[str]:
 
 def _figure_row(own: Figure, swept: bool) -> tuple[str, ...]:
     title = own.title if own.title.replace(" ", "_") == own.name else f"{own.title} ({own.name})"
-    return (title, own.said, own.spanned) if swept else (title, own.said)
+    values = (own.said, own.spanned) if swept else (own.said,)
+    return (title, *(value.replace(" ", "\N{NO-BREAK SPACE}") for value in values))  # a number keeps its unit
 
 
 def _bound(most: float) -> str:

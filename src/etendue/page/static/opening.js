@@ -118,5 +118,5 @@ function errorOf(doc, error) {
   const whole = doc.measured[0];
   return [error.stage ? el('p', {}, 'No stage is farther than ', el('strong', {}, say(error.largest, 2)), ` of full scale from its own exact result (${named(error.stage)}, ${error.how}).`) : el('p', {}, 'No stage states an error.'),
     error.bound ? el('p', {}, `What was left out or made coarser adds at most ${say(error.bound, 2)} to a stage.`) : null,
-    whole ? el('p', {}, `The whole camera: ${named(whole.variable)} ${say(whole.rms, 2)} rms against the reference settings.`) : el('p', { class: 'soft' }, 'The whole camera: etendue run … --measure')];
+    whole ? el('p', {}, `The whole camera: ${named(whole.variable)} ${say(whole.rms, 2)} rms against the reference settings.`) : el('p', { class: 'soft' }, 'The whole camera: ', el('span', { class: 'command' }, 'etendue run … --measure'))];
 }

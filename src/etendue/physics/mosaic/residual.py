@@ -9,8 +9,9 @@ colour. Both estimators give D = green - other at all samples, along rows and al
 *Smooth.* The missing colour is o plus a quarter of m's second difference (Hamilton and Adams, US patent 5629734).
 Along the line D is a slow signal plus the noise of that estimate; the linear minimum-mean-square-error estimate of D and
 its error come from the local variances of both, and rows and columns are weighted by their inverse errors (L. Zhang and
-X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Best where the colours
-share their detail.
+X. Wu, "Color demosaicking via directional linear minimum mean square-error estimation", 2005). Nine samples that an edge
+crosses have a mean that is none of theirs; so D stays (ours) between the least and the greatest of the 3 x 3
+estimates around it, and errs by no more than half of what lies between. Best where the colours share their detail.
 
 *Sharp.* Residual interpolation: m is predicted from o by a guided filter, and what the prediction leaves is interpolated
 (D. Kiku, Y. Monno, M. Tanaka and M. Okutomi, "Residual interpolation for color image demosaicking", 2013). Ours is its
@@ -39,12 +40,13 @@ from numpy.typing import NDArray
 
 from etendue.physics.mosaic.bilinear import colour_difference
 from etendue.physics.mosaic.frame import BLUE, GREEN, RED, checked, in_tiles
-from etendue.physics.mosaic.windows import Sum, centre, five, meet, moved, nine, pair, scaled, slope, square, three, within
+from etendue.physics.mosaic.windows import Sum, centre, extreme, five, meet, moved, nine, pair, scaled, slope, square, three, within
 from etendue.physics.sensor.cfa import COLOURS, phase
 
 FIRST_REACH, SECOND_REACH, CHROMA_REACH = 18, 12, 12
 REACH = FIRST_REACH + CHROMA_REACH + SECOND_REACH + CHROMA_REACH
 FLOOR = 1e-4  # of the local mean square: energies well below it, 1 % of the local level, say nothing
+EVEN = 1e-5  # of the same: rows and columns count alike where both err by less
 PULL = 4e-3  # the same for slopes on green, of the mean of the two colours' squared levels
 CHOICE = 1e5  # smooth and sharp count alike where s^4 d is its inverse
 TINY = 1e-30  # of the squared peak: keeps ratios defined where all is black
@@ -61,7 +63,8 @@ def residual(mosaic: NDArray, pattern: str) -> NDArray:
     balanced: where grey is not grey to it, it cannot tell detail that the colours share.
 
     Constant planes are exact to rounding, linear ones (each with its own slopes) to 1e-7 inside the border; grey detail
-    near the sampling limit is not kept grey. Beside isolated samples on black results reach 4 times their height.
+    near the sampling limit is not kept grey. Five pixels inside a dark neutral corner colours err by 0.001 of the white
+    beside it, four pixels inside by 0.0045. Beside isolated samples on black results reach 4 times their height.
     Scaling by powers of two, mirroring, moving the window by any number of pixels, a change of sign, and swapping red
     with blue change the result accordingly, bit for bit; transposing does up to rounding. Single precision is within
     2e-6 of full scale on photographs, 1e-5 on the worst artificial mosaics of the tests. Frames of one line, which have
@@ -192,16 +195,20 @@ def _likeliest(rough: NDArray, slow: NDArray, axis: int, level: NDArray) -> tupl
         variance += np.add(*deviations)
     scaled(variance, 1 / 5)
     noise = scaled(nine(np.square(np.subtract(*meet(rough, slow))), axis), 1 / 9)
-    mean, variance, noise, rough, level = meet(mean, variance, noise, rough, level)
-    floor = level * level.dtype.type(FLOOR)
+    least, greatest = (extreme(rough, choose) for choose in (np.minimum, np.maximum))
+    mean, variance, noise, rough, level, least, greatest = meet(mean, variance, noise, rough, level, least, greatest)
     total = variance + noise
-    total += floor
+    total += level * level.dtype.type(FLOOR)
     share = variance / total
-    error = share * noise
-    error += floor
     signal = rough - mean
     signal *= share
     signal += mean
+    np.clip(signal, least, greatest, out=signal)
+    error = share * noise
+    greatest -= least
+    greatest *= greatest
+    np.minimum(error, scaled(greatest, 0.25), out=error)
+    error += level * level.dtype.type(EVEN)
     return signal, error
 
 

@@ -1,4 +1,4 @@
-"""Sums over a pixel's neighbours, on arrays that lose what has no full neighbourhood.
+"""Sums and extremes over a pixel's neighbours, on arrays that lose what has no full neighbourhood.
 
 In:  arrays (y, x), any unit.
 Out: sums over windows, in the same unit.
@@ -50,6 +50,14 @@ def five(values: NDArray, axis: int, step: int = 1) -> NDArray:
 def nine(values: NDArray, axis: int, step: int = 1) -> NDArray:
     """The sum of 9 samples, `step` apart."""
     return three(three(values, axis, step), axis, 3 * step)
+
+
+def extreme(values: NDArray, choose: np.ufunc) -> NDArray:
+    """The least of a pixel and its 8 neighbours by `np.minimum`, the greatest by `np.maximum`."""
+    for axis in (0, 1):
+        beside = choose(moved(values, axis, -1, 1), moved(values, axis, 1, 1))
+        values = choose(beside, moved(values, axis, 0, 1), out=beside)
+    return values
 
 
 def square(values: NDArray, window: Sum) -> NDArray:
