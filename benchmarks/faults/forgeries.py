@@ -16,12 +16,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forgery_kinds import FORGERIES, SAID, Forge, sealed
+from forgery_words import SAID_WORDS, WORDS
 from hostile_kinds import sound_archive
 
 from etendue.archive.verify import verify
 from etendue.errors import EtendueError
 from etendue.session import Options
 from etendue.studies.reproducing import reproduce
+
+FORGERIES = FORGERIES | WORDS
+SAID = SAID | SAID_WORDS
 
 
 @dataclass

@@ -22,7 +22,8 @@ FEW = (  # of every way of comparing some
     "a coordinate reversed", "dims swapped", "a byte order", "a status", "an error of the ledger", "a parameter of the record",
     "a comment in the pipeline to be run", "an attribute more", "an array more", "a coordinate less", "bytes of a summary", "a picture",
     "a key in the journal", "a number of a cell", "an axis value throughout", "a digest of code", "a source", "overrides", "a field more",
-    "the digest of an input",
+    "the digest of an input", "a number of a cell that is outdated", "a group in the journal", "attributes of Zarr 2",
+    "a seed that stands twice", "a description less",
 )  # fmt: skip
 
 
@@ -36,7 +37,7 @@ def driver():
         yield module
     finally:
         sys.path.remove(str(FAULTS))
-        for name in ("forgeries", "forgery_kinds", "hostile_kinds"):
+        for name in ("forgeries", "forgery_kinds", "forgery_words", "hostile_kinds"):
             sys.modules.pop(name, None)
 
 

@@ -171,3 +171,16 @@ def test_every_scheduler_records_the_same_failures(first, place, scheduler):
     done = etendue(place, "run", place / "small.toml", "--archive", folder, "--scheduler", scheduler, "--workers", 2, "--json")
     assert done.returncode == 3, done.stderr
     assert_same_archives(folder, place / "a")
+
+
+def test_an_archive_with_failed_cells_is_reproduced(first, place):
+    done = etendue(place, "reproduce", place / "a", "--json")
+    assert done.returncode == 0, done.stdout
+    assert any(one["what"] == "messages of failed cells" for one in json.loads(done.stdout)["not_checked"])
+
+
+def test_an_archive_in_which_a_stage_failed_everywhere_is_reproduced(place):
+    every = ("run", place / "small.toml", "--archive", place / "every", "--sweep", "f_number=5.6", "--quiet")
+    assert etendue(place, *every).returncode == 3
+    done = etendue(place, "reproduce", place / "every", "--json")
+    assert done.returncode == 0, done.stdout

@@ -23,26 +23,12 @@ from etendue.archive.provenance import record_paths
 from etendue.archive.stored import LEDGER, Stored
 from etendue.errors import ArchiveError, RequestError
 from etendue.spec.names import TABLES
+from etendue.studies import sayings
 from etendue.studies.remade import Again, array_of, as_document, chunks_out_of_place, record_again, store_files
+from etendue.studies.sayings import Difference
 
 ELSEWHERE = 1e-6  # relative: how far numbers of metadata may be on another platform
 OF_CODE = ("code", "distributions", "versions")  # of a stage: what was installed then
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Something that an archive says, and that does not come out again.
-
-    Attributes
-    ----------
-    where : in the file, such as ``attributes.units``
-    says, is_ : what it says, and what comes out; '' where one is missing
-    """
-
-    file: str
-    where: str
-    says: str
-    is_: str
 
 
 @dataclass(frozen=True)
@@ -55,7 +41,10 @@ class NotChecked:
 
 
 NOT_CHECKED = (
-    NotChecked("seconds", "another run takes others; table and journal are held against each other", rf"{DATA}/summary/seconds/c/.*"),
+    NotChecked(
+        "seconds", "another run takes others; ledger and journal are held against each other, the summary's are of the last run alone",
+        rf"{DATA}/summary/seconds/c/.*",
+    ),
     NotChecked("dates", "nobody else has seen the clock", r"runs/\d+\.json#began|ro-crate-metadata\.json#.*\b(endTime|datePublished)"),
     NotChecked(
         "versions, platform and code of then", "what differs from what is installed here is said, and not judged",
@@ -70,6 +59,7 @@ NOT_CHECKED = (
         r"\.(name|description|license|author)\b.*|ro-crate-metadata\.json#.*\.(agent|license|author)\b.*|ro-crate-metadata\.json#(https?:|#author|"
         r"#affiliation|#license|CITATION).*",
     ),
+    NotChecked("messages of failed cells", "a cell that fails again may say so in other words"),
     NotChecked("what was reused or accepted", "a cell of an earlier platform stands in the tables as the journal has it"),
     NotChecked("contact_sheet.png, CITATION.cff, measured.json", "drawings and texts of what is compared; run --measure measures again"),
     NotChecked("what is beside it", "files and groups that no run has written, strays/"),
@@ -79,16 +69,23 @@ NOT_CHECKED = (
 def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, into: bool) -> list[NotChecked]:
     """Of one archive: the list, and what else of it cannot be compared, with how much."""
     found = list(NOT_CHECKED)
-    lacking = [name for name in again.names.values() if (entry := stored.journal.entries.get(name)) is None or entry.event != "done"]
+    entries, gone = stored.journal.entries, stored.journal.outdated
+    lacking = [name for name in again.names.values() if (one := entries.get(name)) is None or one.event != "done" or name in gone]
     if lacking:
         found.append(
             NotChecked(f"{len(lacking)} cells that it does not hold", f"{lacking[0]} ...: not asked for, broken off, failed, or removed")
         )
+    known = set(again.names.values())
+    strange = [name for name, entry in entries.items() if name not in known and entry.event != "removed" and not entry.files]
+    if strange:
+        found.append(NotChecked(f"{len(strange)} lines of cells that its pipeline does not have", f"{strange[0]} ...: they have no files"))
     if stored.manifest is None:
         found.append(NotChecked("status, tables, pictures", "its last run was broken off: etendue rerun ends it"))
-    elif again.sheet is None and f"{DATA}/frames/zarr.json" in stored.manifest.metadata:
+    elif again.sheet is None:
         why = (
-            "another platform"
+            "it has none"
+            if f"{DATA}/frames/zarr.json" not in stored.manifest.metadata
+            else "another platform"
             if elsewhere
             else "--into"
             if into
@@ -119,17 +116,20 @@ def _differences(file: str, says: Any, has: Any, loose: float, where: str = "") 
     elif isinstance(says, list) and isinstance(has, list) and len(says) == len(has):
         for number, (one, other) in enumerate(zip(says, has, strict=True)):
             yield from _differences(file, one, other, loose, f"{where}.{number}" if where else str(number))
-    elif type(says) is not type(has) or not (says == has or _close(says, has, loose)):
+    elif type(says) is not type(has) or not _alike(says, has, loose):
         yield Difference(file, where, _shown(says), _shown(has))
 
 
 _NOTHING = object()
 
 
-def _close(one: Any, other: Any, loose: float) -> bool:
+def _alike(one: Any, other: Any, loose: float) -> bool:
+    """Whether two values are one; 0 and -0 are two."""
     if isinstance(one, float):
+        if one == other:
+            return loose > 0 or math.copysign(1, one) == math.copysign(1, other)
         return (one != one and other != other) or (loose > 0 and math.isclose(one, other, rel_tol=loose, abs_tol=1e-30))
-    return False
+    return bool(one == other)
 
 
 def _shown(value: Any) -> str:
@@ -161,6 +161,7 @@ def of_store(stored: Stored, again: Again, elsewhere: bool) -> Iterator[Differen
         has, data = own.get(path), disk.content_of(stored.folder / DATA / path)
         if has != data:
             yield from _of_file(path, data, has, own, loose)
+    yield from sayings.of_the_rest(stored, again, own)
     if ended:
         yield from _of_ledger(stored, own, elsewhere)
 
@@ -200,7 +201,7 @@ def _of_file(path: str, data: bytes | None, has: bytes | None, own: Mapping[str,
 
 def _of_array(file: str, old: Any, fresh: Any, loose: float) -> Iterator[Difference]:
     pairs = zip(old.ravel().tolist(), fresh.ravel().tolist(), strict=True)
-    off = [n for n, (one, other) in enumerate(pairs) if not (one == other or _close(one, other, loose))]
+    off = [n for n, (one, other) in enumerate(pairs) if not _alike(one, other, loose)]
     if off:
         at = [int(n) for n in np.unravel_index(off[0], fresh.shape)] if fresh.ndim else []
         more = f" and {len(off) - 1} more" if len(off) > 1 else ""
@@ -256,14 +257,21 @@ def _row(columns: list[list[Any]]) -> Any:
 
 
 def of_journal(stored: Stored, again: Again, elsewhere: bool, code: bool) -> Iterator[Difference]:
-    """What the line of each finished cell says beside its place; ``code``: whether it is the code of then."""
+    """What the line of each cell says beside its place, if it has ended; ``code``: whether it is the code of then."""
     for ref, name in again.names.items():
         entry, fresh = stored.journal.entries.get(name), again.reports.get(name)
-        if entry is None or entry.event != "done" or name in stored.journal.outdated:
+        if entry is None or entry.event not in ("done", "failed"):
             continue
-        if code and entry.key != again.keys[ref]:
+        own, done = entry.key == again.keys[ref], entry.event == "done"
+        if name in stored.journal.outdated:
+            if code and own:
+                yield Difference("journal.jsonl", f"{name} outdated", entry.key, "another key")
+            continue
+        if code and done and not own:
             yield Difference("journal.jsonl", f"{name} key", entry.key, again.keys[ref])
-        if fresh is None or fresh.status == "failed" or elsewhere:
+        if not done and entry.files:
+            yield Difference("journal.jsonl", f"{name} files", entry.files[0].path, "")
+        if fresh is None or elsewhere or (fresh.status == "failed" if done else not own):
             continue
         for word in ("status", "clipped", "clipped_flux", "floored"):
             if getattr(entry, word) != getattr(fresh, word):
@@ -348,7 +356,10 @@ def _without_other_code(says: dict[str, Any], made: dict[str, Any]) -> bool:
 
 def of_crate(stored: Stored, again: Again, software: bool) -> Iterator[Difference]:
     """Every entity by its name."""
-    if stored.manifest is None or crate.NAME not in stored.manifest.files:
+    if stored.manifest is None:
+        return
+    if crate.NAME not in stored.manifest.files:
+        yield Difference(crate.NAME, "", "", "it is there")
         return
     says, made = disk.read_document(stored.folder / crate.NAME), crate.crate_of(stored.folder, again.plan)
     held, own = _entities(says), _entities(made)

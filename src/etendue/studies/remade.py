@@ -184,7 +184,7 @@ def record_again(
     named = any(is_of_names(a.key) for a in asked.axes)
     sweeps = [sweep_of(one.record, run.path.parent.parent) for one in (run, *earlier)] if named else []
     plan = with_stored_values(asked, {"": over}, sweeps)
-    told = {**(record.get("options") or {}), "tolerance": plan.pipeline.tolerance}
+    told = {"tolerance": plan.pipeline.tolerance, "scheduler": (record.get("options") or {}).get("scheduler")}
     made = record_of(plan, asked, replace(resolved, text=run.text), told)
     text, overrides = record.get("text"), record.get("overrides")
     made |= {"text": text, "overrides": overrides}

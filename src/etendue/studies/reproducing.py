@@ -41,8 +41,9 @@ from etendue.registry import installed_stages
 from etendue.session import Options, execute
 from etendue.spec.ports import CellReport, Progress, Sheet
 from etendue.studies import checked
-from etendue.studies.checked import Difference, NotChecked
+from etendue.studies.checked import NotChecked
 from etendue.studies.remade import Again, column
+from etendue.studies.sayings import Difference
 
 WORST = 20  # cells that are named
 
@@ -264,9 +265,16 @@ def _plan_of(plan: Plan, stored: Stored) -> Plan:
     swapped = any(is_of_names(axis.key) for axis in plan.axes)
     sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
     whole = with_stored_values(plan, stored.journal.axes, sweeps)
-    there = stored.variables()
+    there = stored.variables() | _laid_out(whole, stored)
     kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.said, there)
     return kept
+
+
+def _laid_out(plan: Plan, stored: Stored) -> set[tuple[str, str]]:
+    """The (stage, variable) pairs that have an array, though none of their cells may have come out."""
+    writes = {node.name: node.writes for node in plan.nodes}
+    pairs = ((group, name) for group, names in stored.journal.blocks.items() for name in names if stored.keeps(group, name))
+    return {(stage, name) for group, name in pairs if name in writes.get(stage := group.split("/")[0], ())}
 
 
 def _refuse_missing(run: Recorded) -> None:
