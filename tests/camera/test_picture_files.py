@@ -185,10 +185,9 @@ def test_a_profile_or_gamma_that_is_not_applied_is_said(tmp_path):
 def test_adobe_rgb_of_a_camera_without_a_profile_is_said(tmp_path, space, index, said):
     """As DCF has it: by the colour space of EXIF, or by the interoperability index."""
     exif = Image.Exif()
-    if space:
-        exif.get_ifd(0x8769)[0xA001] = space
-    if index:
-        exif.get_ifd(0x8769)[0xA005] = {1: index}
+    own = ({0xA001: space} if space else {}) | ({0xA005: {1: index}} if index else {})
+    if own:
+        exif[0x8769] = own
     Image.new("RGB", (9, 6)).save(tmp_path / "a.jpg", exif=exif)
     assert ("Adobe RGB" in read_picture(str(tmp_path / "a.jpg")).note) == said
 

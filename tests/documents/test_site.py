@@ -102,7 +102,7 @@ def test_a_picture_is_taken_behind_a_stage_that_stands_in_a_camera_and_behind_on
     assert behind[behind.index("denoise") - 1] == "demosaic_directional"
     kinds = [p for p in swapped.stages if p.use in ("demosaic_nearest", "mosaic")]
     seen = gallery._seen(swapped, "smallest", kinds, {"demosaic_nearest": "rgb_camera", "mosaic": "photocurrent"})
-    assert {name: picture.pixels.shape for name, picture in seen.items()} == {"demosaic_nearest": (64, 64, 3), "mosaic": (64, 64, 3)}
+    assert {name: picture.pixels.shape for name, picture in seen.items()} == {"demosaic_nearest": (96, 128, 3), "mosaic": (96, 128, 3)}
     red, green, blue = (seen["mosaic"].pixels[..., n] > 0 for n in range(3))
     assert not (red & green).any() and not (red & blue).any() and green.mean() >= red.mean()
     seen["mosaic"].save(tmp_path / "mosaic.png")

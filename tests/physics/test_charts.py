@@ -489,12 +489,12 @@ def test_the_mean_of_a_slanted_edge_over_cells_is_the_area_of_its_half_plane(ang
 @given(angle=st.floats(-80.0, 80.0), softness=st.floats(0.0, 3.0))
 @settings(max_examples=40, deadline=None)
 def test_cells_side_by_side_hold_what_the_large_cell_holds(angle, softness):
-    """Exact to rounding: 3 x 3 cells of a third of the side, whatever the edge."""
+    """3 x 3 cells of a third of the side, whatever the edge; tilts of 1e-5 degrees lose 3.2e-10 by rounding."""
     y, x = np.arange(-6, 7) * 0.9, np.arange(-7, 8) * 0.9
     large = charts.slanted_edge(y, x, angle, Drawn(softness, 0.9), 0.2)
     within = np.array([-0.3, 0.0, 0.3])
     small = charts.slanted_edge((y[:, None] + within).ravel(), (x[:, None] + within).ravel(), angle, Drawn(softness, 0.3), 0.2)
-    assert_allclose(small.reshape(y.size, 3, x.size, 3).mean(axis=(1, 3)), large, rtol=0, atol=1e-11)
+    assert_allclose(small.reshape(y.size, 3, x.size, 3).mean(axis=(1, 3)), large, rtol=0, atol=1e-9)
 
 
 def test_an_edge_along_the_columns_covers_its_share_of_the_cells_it_cuts():

@@ -30,7 +30,7 @@ HEADERS = {
 
 
 ANSWERING = 8  # threads: each has one request at a time
-WAITING = 512  # connections that have not asked yet; of more the oldest is closed
+WAITING = 900  # connections that have not asked yet; of more the oldest is closed, before the 1024 files a process usually may open
 PATIENCE = 30.0  # seconds until one that asks nothing is closed
 
 
@@ -40,11 +40,11 @@ class Server(HTTPServer):
     request_queue_size = 128
 
     def __init__(self, live: Live, port: int = 0) -> None:
-        super().__init__((HOST, port), _Handler)
-        self.live = live
-        self.token = secrets.token_urlsafe(24)
         self.pool = ThreadPoolExecutor(ANSWERING, "answer")
         self.waiting: OrderedDict[socket.socket, tuple[Any, float]] = OrderedDict()  # by connection: its address, and since when
+        super().__init__((HOST, port), _Handler)  # closes what is there already where the port is taken
+        self.live = live
+        self.token = secrets.token_urlsafe(24)
         self.over, self.ended = threading.Event(), threading.Event()
         self.ended.set()
 
