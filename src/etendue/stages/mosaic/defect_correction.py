@@ -59,7 +59,7 @@ class CorrectDefects(DefectDetection):
     gain: ClassVar = None  # a decision has no slope
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
-    working: ClassVar = 4.1
+    working: ClassVar = 3.4
 
     by: str = param("both", choices=("map", "detection", "both"), doc="which pixels are replaced")
 
