@@ -2,6 +2,8 @@
 
     python benchmarks/memory.py [--mpixel 1 3] [--bands 3 31] [--precision float32 float64] [--workers 1 2] [--camera smallest ...]
 
+    python benchmarks/memory.py stages [NAME ...] [--precision float32 float64]
+
 Every row is a process of its own: largest resident set above that behind a small frame of the same camera. ``planned`` is what the plan
 says that is held, ``ratio`` planned over measured. Mpixel are samples of the light, or pixels where a camera begins behind the sensor.
 """
@@ -70,8 +72,8 @@ def status(name: str) -> int:
     return 1024 * int(line.split()[1])
 
 
-def measure(camera: str, mpixel: float, bands: int, precision: str, workers: int, archive: bool) -> dict[str, Any]:
-    """Run one frame in this process."""
+def measure(camera: str, mpixel: float, bands: int, precision: str, workers: int, archive: bool, most: float) -> dict[str, Any]:
+    """Run one frame in this process, unless more than ``most`` bytes are planned."""
     from etendue import session
     from etendue.plan import machine
     from etendue.run.peak_memory import peak_memory
@@ -83,32 +85,38 @@ def measure(camera: str, mpixel: float, bands: int, precision: str, workers: int
             options = session.Options("threads", workers)
             return session.execute(planned(camera, size, bands, precision), Path(folder) / str(size) if archive else None, options)
 
+        expected = peak_memory(planned(camera, mpixel, bands, precision), workers, not archive)
+        said = {"planned": expected.bytes, "where": expected.ref[0] if expected.ref else ""}
+        if expected.bytes > most:
+            return said | {"measured": 0, "failed": []}
         run(WARM)
         gc.collect()
-        expected = peak_memory(planned(camera, mpixel, bands, precision), workers, not archive)
         base = status("VmRSS")
         Path("/proc/self/clear_refs").write_text("5")
         outcome = run(mpixel)
         found = status("VmHWM") - base
-    return {
-        "measured": found, "planned": expected.bytes, "where": expected.ref[0] if expected.ref else "",
-        "failed": [r.message for r in outcome.failed],
-    }  # fmt: skip
+    return said | {"measured": found, "failed": [r.message for r in outcome.failed]}
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("stages", nargs="*", metavar="stages NAME", help="stage by stage, in place of whole frames")
     parser.add_argument("--mpixel", type=float, nargs="+", default=[1, 3])
     parser.add_argument("--bands", type=int, nargs="+", default=[3, 31])
     parser.add_argument("--precision", nargs="+", default=["float32", "float64"])
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS), choices=CAMERAS)
     parser.add_argument("--in-memory", action="store_true", help="without an archive")
+    parser.add_argument("--most", type=float, default=8.0, help="GB: rows that plan more are not run")
     parser.add_argument("--row", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.row:
         print(json.dumps(measure(**json.loads(asked.row))))
         return 0
+    if asked.stages:
+        from memory_stages import main as of_stages
+
+        return of_stages(asked.stages[1:], asked.precision)
     worst = 1.0
     print(f"{'camera':15s} {'Mpixel':>6s} {'bands':>5s} precision workers   measured    planned  ratio  largest cell")
     for camera in asked.camera:
@@ -117,16 +125,17 @@ def main() -> int:
             (m, b, p, w) for m in asked.mpixel for b in own_bands for p in asked.precision for w in asked.workers
         ):
             row = {"camera": camera, "mpixel": mpixel, "bands": bands, "precision": precision, "workers": workers}
-            row["archive"] = not asked.in_memory
+            row |= {"archive": not asked.in_memory, "most": 1e9 * asked.most}
             done = subprocess.run([sys.executable, __file__, "--row", json.dumps(row)], capture_output=True, text=True)
             if done.returncode:
                 print(done.stderr[-2000:])
                 return 1
             found = json.loads(done.stdout.splitlines()[-1])
-            ratio = found["planned"] / found["measured"]
-            worst = max(worst, ratio, 1 / ratio)
+            ratio = found["planned"] / found["measured"] if found["measured"] else math.nan
+            worst = max(worst, *([ratio, 1 / ratio] if found["measured"] else []))
             shown = f"{bands:5d}" if camera in ("smallest", "sensors") else "    -"
-            sizes = f"{found['measured'] / 1e6:7.0f} MB {found['planned'] / 1e6:7.0f} MB"
+            measured = f"{found['measured'] / 1e6:7.0f} MB" if found["measured"] else "   not run"
+            sizes = f"{measured} {found['planned'] / 1e6:7.0f} MB"
             failed = f" FAILED {found['failed'][0]}" if found["failed"] else ""
             print(
                 f"{camera:15s} {mpixel:6g} {shown} {precision:9s} {workers:7d} {sizes} {ratio:6.2f}  {found['where']}{failed}", flush=True

@@ -5,7 +5,9 @@ import sys
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from etendue.plan import cost
@@ -15,9 +17,13 @@ from etendue.plan.planner import make_plan
 from etendue.registry import installed_stages
 from etendue.report import details, fitting
 from etendue.run import peak_memory as counting
+from etendue.run.cell import compute
 from etendue.run.peak_memory import kept_bytes, peak_memory
+from etendue.run.segments import Result
 from etendue.session import Options, execute
 from etendue.spec.pipeline import read_pipeline
+from etendue.spec.stage import Stage
+from etendue.testing.bench import Bench
 
 ROOT = Path(__file__).parents[2]
 FRAME = {
@@ -32,8 +38,9 @@ def plan_of(**overrides):
 
 def test_a_frame_takes_what_its_plan_says():
     """In the arrays of a run in memory, 0.2 Mpixel: within 1.3 times, either way."""
+    small = {"scene.width": "358.4 um", "scene.height": "268.8 um", "pixel.rows": 64, "pixel.columns": 96}
+    execute(plan_of(**small), None, Options("serial", pictures=False))  # imports
     plan = plan_of()
-    execute(plan, None, Options("serial", pictures=False))  # imports
     from etendue.run.tables import TABLES
 
     TABLES.clear()
@@ -55,7 +62,7 @@ def test_a_stage_that_is_left_out_holds_nothing():
         needs = []
         for own in (plan, replace(plan, cells=cells)):
             jobs = counting._jobs(own, 1, False, False)
-            run = counting._Run(own, jobs, set(), False, 1)
+            run = counting._Run(own.precision, jobs, set(), False, 1)
             needs.append({job.ref[0]: run.cell(job) for job in jobs.values()})
         assert needs[0][name] > needs[1][name] == 0
         assert sum(needs[1].values()) < sum(needs[0].values())
@@ -73,6 +80,37 @@ def test_joined_passes_count_once(monkeypatch):
     monkeypatch.setattr(cut_of, "STRIP", 1)
     cut = plan_of(**asked)
     assert peak_memory(cut, 1, pictures=False).bytes < light
+
+
+class _Doubled(Stage):
+    """Of this module: another distribution's."""
+
+    reads: ClassVar = {"rgb": "channel y x [1]"}
+    writes: ClassVar = {"rgb": "channel y x [1]"}
+    working: ClassVar = 0.0
+
+    def run(self, rgb):
+        return {"rgb": 2 * rgb}
+
+
+def test_copies_that_other_distributions_are_handed_are_counted(monkeypatch):
+    """A stage of theirs holds its input twice; one of the package does not: planned and found."""
+    bench, frame = Bench(_Doubled()), (240, 320)
+    found = []
+    for module in (__name__, "etendue.own"):
+        monkeypatch.setattr(_Doubled, "__module__", module)
+        job, array = bench.job("float32", frame), np.ones((3, *frame), "float32")
+        results = {("rgb", ()): Result({"rgb": array})}
+        compute(job, results)
+        tracemalloc.start()
+        try:
+            compute(job, results)
+            held = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        assert held == pytest.approx(counting.job_bytes(job, "float32")[0], rel=0.05)
+        found.append(held / array.nbytes)
+    assert found == pytest.approx([2, 1], rel=0.05)
 
 
 def test_more_workers_hold_more_and_a_longer_sweep_does_not():

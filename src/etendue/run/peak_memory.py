@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.guests import is_guest
 from etendue.physics.light.sampling import padded_size
 from etendue.plan import cost
 from etendue.plan.ancestry import ancestry
@@ -29,10 +31,10 @@ from etendue.run.jobs import make_jobs
 from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
 from etendue.run.tables import LARGEST_CACHE, LARGEST_PATTERN
-from etendue.spec.capabilities import halo_of, is_source
+from etendue.spec.capabilities import halo_of, is_random, is_source
 from etendue.spec.stage import arguments_of
 
-WITHOUT_BANDS = 5.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
+WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
 AROUND = 4  # times as many combinations of a sweep as there are workers are gone through
 LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
 SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
@@ -61,7 +63,7 @@ def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures:
     if not jobs:
         return Peak(0)
     show = set(shown_cells(plan).values()) if pictures else set()
-    found = _Run(plan, jobs, show, in_memory, workers).peak()
+    found = _Run(plan.precision, jobs, show, in_memory, workers).peak()
     if in_memory:
         found.bytes += kept_bytes(plan)
     return found
@@ -74,6 +76,13 @@ def kept_bytes(plan: Plan) -> int:
         count * cost.cell_bytes(node, cell, plan.precision, kept[node.name])
         for node in plan.nodes if kept[node.name] for cell, count in cost.alike(plan.of(node.name))
     )  # fmt: skip
+
+
+def job_bytes(job: Job, precision: str) -> tuple[float, float]:
+    """Bytes that come to what a cell reads while it is computed, of a job that stands alone; and the larger of what it reads and writes."""
+    run = _Run(precision, {job.ref: job}, set(), True, 1)
+    own = run.cell(job) + run.tables
+    return own, run.largest(job)
 
 
 def _jobs(plan: Plan, workers: int, in_memory: bool, pictures: bool) -> Mapping[CellRef, Job]:
@@ -108,6 +117,13 @@ def _chosen(plan: Plan, most: int) -> dict[str, set[int]]:
     return found
 
 
+def _one_by_one(job: Job) -> int:
+    """In how many parts a stage is given what it is mapped over (``run.mapped``)."""
+    if job.mapped is None or (job.stage.elementwise and not (is_random(type(job.stage)) and not job.averages)):
+        return 1
+    return math.prod(coordinate.size for _, coordinate in job.mapped.dims)
+
+
 @dataclass
 class _Batch:
     """What a batch holds while it runs beside what it is given, and what it hands on."""
@@ -121,9 +137,9 @@ class _Batch:
 class _Run:
     """A run of jobs without arrays."""
 
-    def __init__(self, plan: Plan, jobs: Mapping[CellRef, Job], show: set[CellRef], in_memory: bool, workers: int) -> None:
-        self.plan, self.jobs, self.show, self.in_memory, self.workers = plan, jobs, show, in_memory, workers
-        self.size = 4 if plan.precision == "float32" else 8
+    def __init__(self, precision: str, jobs: Mapping[CellRef, Job], show: set[CellRef], in_memory: bool, workers: int) -> None:
+        self.precision, self.jobs, self.show, self.in_memory, self.workers = precision, jobs, show, in_memory, workers
+        self.size = 4 if precision == "float32" else 8
         self.pieces: dict[CellRef, dict[Piece, float]] = {}  # what the result of a cell holds
         self.tables, self.pictures = 0.0, 0.0
         frames = [g["y"].size * g["x"].size for ref in show if ref in jobs for g in jobs[ref].grids.values() if "y" in g and "x" in g]
@@ -198,7 +214,7 @@ class _Run:
                 best = max(best, _Batch(before + need, job.ref, need + self.read([job])), key=lambda one: one.most)
             live.add(job.ref)
             if job.ref in self.show:
-                self.pictures += sum(self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims))
+                self.pictures += sum(self.picture(job, v) for v, d in job.writes.items() if has_rows(d.dims) and v not in job.by_band)
             for ref in job.needs:
                 readers[ref] -= 1
                 if not readers[ref] and ref not in exports:
@@ -226,7 +242,7 @@ class _Run:
     # -- one cell -----------------------------------------------------------------------------------------------------
 
     def bytes(self, job: Job, variable: str) -> float:
-        return cost.bytes_of(job.writes[variable], job.grids[variable], self.plan.precision)
+        return cost.bytes_of(job.writes[variable], job.grids[variable], self.precision)
 
     def picture(self, job: Job, variable: str) -> float:
         """What stays of a variable that is shown: a small picture of three planes, and some of its rows."""
@@ -259,14 +275,22 @@ class _Run:
         return found
 
     def working(self, job: Job) -> float:
-        """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it says."""
+        """What a stage works with while it computes: as much of the larger of what it reads and what it writes as it says, and copies."""
+        return self.factor(job) * self.largest(job) + self.copied(job)
+
+    def copied(self, job: Job) -> float:
+        """A stage of another distribution is handed arrays of its own (``run.ownership.handed``): of its ports and of what it looks at."""
+        if not is_guest(type(job.stage)):
+            return 0.0
+        seen = [(ref, what) for _, what, pairs in job.looking.ports for _, ref in pairs] if job.looking else []
+        looked = sum(self.bytes(self.jobs[ref], what) for ref, what in seen if ref in self.jobs and what in self.jobs[ref].writes)
+        return sum(self.size * grid.count for grid in job.input_grids.values()) / _one_by_one(job) + looked
+
+    def largest(self, job: Job) -> float:
+        """Bytes of what a stage reads or of what it writes, as floats, at one place of the dims over which it is mapped."""
         read = sum(self.size * grid.count for grid in job.input_grids.values())
         written = sum(self.size * grid.count for grid in job.grids.values())
-        mapped = 1
-        if job.mapped:
-            for _, coordinate in job.mapped.dims:
-                mapped *= coordinate.size
-        return self.factor(job) * max(read, written) / mapped
+        return max(read, written) / _one_by_one(job)
 
     def factor(self, job: Job) -> float:
         """How many times what it reads or writes a stage works with: scenes are made in float64 first."""
@@ -301,7 +325,7 @@ class _Run:
 
     def bands_made(self, job: Job) -> float:
         """How many bands are held while one of a cell is made: those of the stages that it starts from too."""
-        found = 1.0 + max(self.factor(job), WITHOUT_BANDS * 8 / self.size)
+        found = 1.0 + max(self.factor(job), WITHOUT_BANDS * 8 / self.size) + is_guest(type(job.stage))
         for _, ref, variable in job.inputs:
             if self._by_band(ref, variable) and not self.jobs[ref].store:
                 found = max(found, 1.0 + self.bands_made(self.jobs[ref]))
@@ -310,7 +334,10 @@ class _Run:
     # -- walks --------------------------------------------------------------------------------------------------------
 
     def walk(self, members: Sequence[Job]) -> float:
-        """Bytes of cells that are worked strip by strip: what others want of them whole, strips of all that stands between them."""
+        """Bytes of cells that are worked strip by strip: what others want of them whole, strips of all that stands between them.
+
+        What strips have freed stays with the process (``run.memory``), also while what they made is packed.
+        """
         whole, strips, working = 0.0, 0.0, 0.0
         for job in members:
             walk = job.walk
@@ -327,4 +354,4 @@ class _Run:
                 self.tables += self.patterns(job)
             self.pieces[job.ref] = {piece: size for piece, size in own.items() if piece[1] in walk.whole and piece[1] in job.deliver}
         packed = [min(self.bytes(job, v), LARGEST_CHUNK) for job in members for v in job.store]
-        return whole + max(strips + working, 0.0 if self.in_memory else max(packed, default=0.0))
+        return whole + strips + working + (0.0 if self.in_memory else max(packed, default=0.0))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from etendue.run.job import Job
+from etendue.run.segment_bands import TOGETHER
 from etendue.spec.capabilities import Summed
 from etendue.spec.grid import Grid
 
@@ -46,9 +47,15 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
     planes, padded = run.bands_made(run.jobs[ref]) if made else 1.0, run.padded(job)
     if not isinstance(job.stage, Summed):
         return float(planes * run.plane(job) + 4 * padded) if job.store or not job.by_band else 0.0
+    ahead = (planes + AHEAD - 1) * run.plane(job)
     if grid.line("y").cells:
         run.tables += ON_CELLS * grid.bands().size * padded
-    return float(AHEAD * planes * run.plane(job) + (4 + 2 * _channels(job)) * padded)
+        return float(ahead + (4 + 2 * _channels(job)) * padded)
+    terms, spectra = job.stage.terms(), _channels(job) * job.stage.kept() ** 2 * padded
+    if not 0 < terms < grid.bands().size:
+        return float(ahead + 4 * padded + 2 * spectra)
+    gathered = terms * run.plane(job) + max(ahead + (TOGETHER - 1) * run.plane(job), terms * padded)
+    return float(max(gathered, terms * padded + 2 * spectra, 3 * spectra))
 
 
 def _channels(job: Job) -> float:

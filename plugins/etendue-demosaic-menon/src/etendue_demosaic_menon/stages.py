@@ -26,6 +26,7 @@ class DemosaicMenon(Haloed):
     gain: ClassVar = None  # its decision for a row or a column may turn at any small difference
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 300.0
+    working: ClassVar = 15.0
 
     pattern: str = quantity("pattern")
     refine: bool = param(True, doc="smooth the colour differences along the chosen direction, the method's last step")

@@ -26,6 +26,7 @@ class Exposure(Sampled, Noisy, Datasheet, Haloed):
     gain: ClassVar = 1.0
     negative: ClassVar = "clip"  # the undershoot of band-limited light, once, in front of the Poisson draw
     nanoseconds: ClassVar = 3.0
+    working: ClassVar = 2.0
     libraries: ClassVar = ("numpy",)
 
     integration_time: float = quantity("integration_time")
@@ -174,6 +175,7 @@ class FullWell(Bounded, Datasheet):
     elementwise: ClassVar = True
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
     error: ClassVar = proved(6e-8, 1e-16)
 
     pixel_pitch: float = quantity("pixel_pitch")

@@ -52,6 +52,7 @@ class PhotonTransfer(Stage):
     creates: ClassVar = {"estimate": ESTIMATE}
     decides: ClassVar = True
     nanoseconds: ClassVar = 600.0
+    working: ClassVar = 0.3
     error: ClassVar = measured(1e-6, 1e-12)
 
     pattern: str = quantity("pattern")

@@ -204,7 +204,7 @@ class Linearise(KnownNoise, Scaled):
     gain: ClassVar = None  # the black level is a part of full scale that disappears
     elementwise: ClassVar = True
     nanoseconds: ClassVar = 2.0
-    working: ClassVar = 1.5
+    working: ClassVar = 2.0
     error: ClassVar = proved(6e-8, 2e-16)
 
     def run(self, raw: Any) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class CorrectDefects(DefectDetection):
     gain: ClassVar = None  # a decision has no slope
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
-    working: ClassVar = 2.8
+    working: ClassVar = 3.4
 
     by: str = param("both", choices=("map", "detection", "both"), doc="which pixels are replaced")
 
@@ -88,6 +88,7 @@ class CorrectFoundDefects(DefectDetection):
     gain: ClassVar = None
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 55.0
+    working: ClassVar = 6.9
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         first = first_pixel(y, x)

@@ -45,6 +45,7 @@ class DemosaicNearest(_Demosaic, Haloed):
 
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 2.0
+    working: ClassVar = 0.4
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": bilinear.nearest(mosaic_linear, self.seen(y, x), *first_pixel(y, x))}
@@ -59,6 +60,7 @@ class DemosaicBilinear(_Demosaic, Haloed):
 
     gain: ClassVar = 1.0
     nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.4
 
     def run(self, mosaic_linear: Any, y: Any, x: Any) -> dict[str, Any]:
         return {"rgb_camera": bilinear.bilinear(mosaic_linear, self.seen(y, x))}
@@ -113,6 +115,7 @@ class DemosaicAny(Haloed):
     gain: ClassVar = 1.0  # weights are not negative and sum to 1
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 10.0
+    working: ClassVar = 0.6
 
     pattern: str = quantity("pattern")
 

@@ -19,7 +19,7 @@ class DemosaicResidual(_Demosaic):
 
     gain: ClassVar = None  # directions and estimators are weighted by ratios of small differences
     nanoseconds: ClassVar = 80.0
-    working: ClassVar = 8.2
+    working: ClassVar = 1.6
 
     def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
         """Of the arithmetic, beside isolated samples on flat ground; ten times less on photographs."""

@@ -53,6 +53,7 @@ class LensShading(Conjugates, Bounded, Haloed):
     negative: ClassVar = "keep"
     once: ClassVar = ("the correction of shading",)
     nanoseconds: ClassVar = 8.0
+    working: ClassVar = 7.0
 
     pattern: str = quantity("pattern")
     map: str = param("model", choices=("model", "table"), doc="where the gains come from")

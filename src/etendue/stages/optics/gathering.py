@@ -84,6 +84,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
     error: ClassVar = proved(1e-7, 4e-16)
 
     table: str = param(

@@ -27,6 +27,7 @@ UNCLIPPED = 1e30  # a level of clipping that no value reaches
 class _HandedOn(Stage):
     """All planes as they are, under another name."""
 
+    working: ClassVar = 0.0
     role: ClassVar = "reference"
     gain: ClassVar = 1.0
     negative: ClassVar = "keep"

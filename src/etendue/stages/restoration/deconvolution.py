@@ -73,6 +73,7 @@ class Wiener(Inverse):
     unseen: ClassVar = UNSEEN
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 400.0
+    working: ClassVar = 17.0
 
     noise_variance: float = param(0.0, at_least=0, doc="of the noise, 1 = the square of clipping; 0: the camera's own at clipping")
     contrast: float = param(0.2, above=0, at_most=10, doc="rms contrast of the picture, 1 = clipping")
@@ -134,6 +135,7 @@ class RichardsonLucy(Inverse):
     unseen: ClassVar = UNSEEN
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 1000.0
+    working: ClassVar = 5.8
 
     iterations: int = param(10, at_least=1, at_most=1000, doc="at most so many")
     stop: float = param(0.7, at_least=0, at_most=100, doc="times the known noise: ends where no more remains; 0: never")

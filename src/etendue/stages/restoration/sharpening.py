@@ -136,6 +136,7 @@ class Denoise(KnownNoise, Bounded):
     writes: ClassVar = {"rgb_camera": "channel y x [1]"}
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 80.0
+    working: ClassVar = 3.6
 
     strength: float = param(1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: nothing")
     radius: int = param(1, at_least=1, at_most=32, units="pixel", doc="windows have 2 radius + 1 pixels along each axis")

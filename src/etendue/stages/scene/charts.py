@@ -29,6 +29,7 @@ class Scene(Source, Banded):
     writes: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
     libraries: ClassVar[tuple[str, ...]] = ("colour-science",)
     nanoseconds: ClassVar = 12.0
+    working: ClassVar = 0.0
 
     white_luminance: float = param(
         units="cd m-2", at_least=0, example=1000.0,
@@ -274,6 +275,8 @@ class Points(Scene):
 @dataclass(frozen=True, kw_only=True)
 class _Coloured(Scene):
     """Charts with the ColorChecker's measured reflectances."""
+
+    working: ClassVar = 1.1
 
     def prepare(self, coordinates: Any) -> Any:
         edges = tuple(coordinates["out_wavelength_edges"])

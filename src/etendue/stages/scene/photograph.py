@@ -56,6 +56,7 @@ class Photograph(Scene):
         example="package:etendue/data/examples/picture.png",
         doc="the picture; package:matplotlib/... names a file of an installed distribution",
     )
+    working: ClassVar = 1.0
     libraries: ClassVar = ("colour-science", "pillow", "tifffile")
 
     def band_limit(self) -> float:

@@ -37,6 +37,7 @@ class Crosstalk(Collecting, Bounded, ChannelTransfer):
     gain: ClassVar = 2.0  # a pixel that keeps its charge, all of its neighbours' on top
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 150.0
+    working: ClassVar = 0.1
     libraries: ClassVar = ("colour-science",)
 
     beyond: float = param(

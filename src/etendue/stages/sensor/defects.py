@@ -30,7 +30,7 @@ class Defects(Sampled):
     gain: ClassVar = None  # the brightest hot pixel is no part of the light's full scale
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 5.0
-    working: ClassVar = 0.2
+    working: ClassVar = 2.3
     libraries: ClassVar = ("numpy",)
     error: ClassVar = measured(1e-6, 1e-15)
 
@@ -76,7 +76,7 @@ class StuckPixels(Sampled):
     writes: ClassVar = {"raw": "y x [DN] uint16", "stuck_map": "y x [1] uint8"}
     gain: ClassVar = None
     nanoseconds: ClassVar = 5.0
-    working: ClassVar = 0.2
+    working: ClassVar = 2.3
     libraries: ClassVar = ("numpy",)
     error: ClassVar = proved(0.0)
 
