@@ -38,6 +38,10 @@ class Work:
     shown: Mapping[str, CellRef] = field(default_factory=dict)  # of each stage the cell of the pictures, where it is not the usual one
 
 
+MOST_WORK = 10_000_000  # values looked at to find the possible ones among those of earlier runs; a plan counts as PLANNED of them
+PLANNED = 5_000
+
+
 def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]], sweeps: Sequence[Mapping[str, Any]] = ()) -> Plan:
     """The plan over the axis values of an archive's earlier runs as well: what is still right there stays.
 
@@ -57,9 +61,26 @@ def with_stored_values(plan: Plan, stored: Mapping[str, Mapping[str, list[Any]]]
         return plan
     whole = _over(plan, extra, stored)
     if whole is None:  # a value that is no longer possible: its cells are not of this pipeline any more
-        extra = {key: [v for v in values if _over(plan, {key: [v]}, stored)] for key, values in extra.items()}
+        extra = {key: _possible(plan, key, values, stored) for key, values in extra.items()}
         whole = _over(plan, {key: values for key, values in extra.items() if values}, stored)
     return whole or plan
+
+
+def _possible(plan: Plan, key: str, values: list[Any], stored: Mapping[str, Mapping[str, list[Any]]]) -> list[Any]:
+    """Those of the values over which there is a plan, found by halves: few values that are not cost few plans.
+
+    A journal that names millions is not gone through to the end: what nobody has come to stays out.
+    """
+    known = sum(len(own) for axes in stored.values() for own in axes.values())
+    found, left, work = list[Any](), [values], 0
+    while left and work < MOST_WORK:
+        part = left.pop()
+        work += PLANNED + known + len(part)
+        if _over(plan, {key: part}, stored):
+            found += part
+        elif len(part) > 1:
+            left += [part[len(part) // 2 :], part[: len(part) // 2]]
+    return found
 
 
 def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mapping[str, list[Any]]]) -> Plan | None:
