@@ -117,6 +117,7 @@ import many_runs
 from etendue.session import execute, load
 from etendue.plan.planner import make_plan
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's job in the background is started to ignore it
 together = threading.Barrier(5)
 
 
