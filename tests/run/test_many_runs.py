@@ -96,6 +96,7 @@ def test_blas_has_one_thread_whichever_thread_begins_and_ends_the_runs():
     for library in controller.lib_controllers:  # whichever thread has asked before, in another law
         getattr(library, "clear_controlling_thread", lambda force: None)(force=True)
     own = controller.limit(limits=2)
+    assert not ONE_THREAD.count  # no run or worker that has ended holds libraries, whatever ran here before
     try:
         assert [whole(), threads(), elsewhere(whole), threads()] == [{1}, {2}, {1}, {2}]
         elsewhere(ONE_THREAD.__enter__)

@@ -16,7 +16,7 @@ from typing import Any
 from etendue.errors import MachineError, shortened
 from etendue.plan.code import code_digest
 from etendue.plan.keys import version_of
-from etendue.run.workers import one_thread_inside
+from etendue.run.memory import keep_freed_memory
 from etendue.spec.stage import Stage
 from etendue.telling import said
 
@@ -100,7 +100,7 @@ def be_alike(common: Common) -> None:
     """
     if common.run in _sound:
         return
-    one_thread_inside()
+    keep_freed_memory()
     if found := common.differences():
         raise MachineError(refused({_address(): found}))
     _sound.add(common.run)

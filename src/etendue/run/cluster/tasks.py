@@ -18,6 +18,7 @@ from etendue.plan.model import CellRef
 from etendue.run.batches import NOBODY, BatchResult, run_batch
 from etendue.run.cluster.alike import Common, be_alike
 from etendue.run.job import Job
+from etendue.run.one_thread import ONE_THREAD
 from etendue.run.workers import unfit
 
 Told = tuple[tuple[Any, ...], dict[CellRef, dict[str, object]]]  # reports, and the arrays that were asked for
@@ -42,20 +43,21 @@ def as_bytes(
 
 
 def compute(common: Common, data: bytes, *before: BatchResult) -> BatchResult:
-    """The result of a batch."""
-    be_alike(common)
-    with Guest("a plugin, when it was imported,"):
-        jobs, exports, imports, deliver, doomed, topic, number = pickle.loads(data)
-    at = None
-    if topic:
-        import distributed
+    """The result of a batch. The worker may be somebody's process, and has threads of BLAS of its own again behind it."""
+    with ONE_THREAD:
+        be_alike(common)
+        with Guest("a plugin, when it was imported,"):
+            jobs, exports, imports, deliver, doomed, topic, number = pickle.loads(data)
+        at = None
+        if topic:
+            import distributed
 
-        worker = distributed.get_worker()
+            worker = distributed.get_worker()
 
-        def at(_: int) -> None:
-            worker.log_event(topic, number)
+            def at(_: int) -> None:
+                worker.log_event(topic, number)
 
-    return run_batch(jobs, exports, imports, deliver, *before, doomed=doomed, at=at)
+        return run_batch(jobs, exports, imports, deliver, *before, doomed=doomed, at=at)
 
 
 def told(result: BatchResult) -> Told:
