@@ -243,4 +243,4 @@ def test_faults_of_a_cluster_end_as_expected_and_the_same_command_again_finishes
     seen = list(driver.FAULTS[fault](driver.Place(tmp_path), random.Random(1), 4))
     assert seen
     for one in seen:
-        assert one.right == one.tried > 0, (one.fault, one.expected, one.seen)
+        assert one.right == one.tried > 0, (one.fault, one.expected, one.wrong)
