@@ -124,17 +124,19 @@ def ended(process: subprocess.Popen[bytes], way: Way) -> None:
 
 
 def digests(archive: Path) -> Iterator[tuple[str, str]]:
-    """Every array of the stages and its digest."""
+    """Every array of the stages and its digest; the only shape of a stage has no name, since what has grown stands in the stage's group."""
     import xarray
 
     with xarray.open_datatree(archive / "data.zarr", engine="zarr", chunks=None) as tree:
         for node in tree.subtree:
-            if node.path.strip("/").split("/")[0] in TABLES:
+            stage, *child = node.path.strip("/").split("/")
+            if stage in TABLES:
                 continue
+            place = stage if child and len(tree[stage].children) == 1 else "/".join([stage, *child])
             for name, array in node.to_dataset(inherit=False).data_vars.items():
                 values = array.values if array.dtype.kind in "fiub" else array.values.astype(str)
                 text = f"{values.dtype} {array.dims} {values.shape}".encode()
-                yield f"{node.path.strip('/')}/{name}", hashlib.sha256(text + values.tobytes()).hexdigest()[:16]
+                yield f"{place}/{name}", hashlib.sha256(text + values.tobytes()).hexdigest()[:16]
 
 
 def main() -> int:

@@ -168,22 +168,23 @@ def killed_owners(place: Place, chance: random.Random, count: int) -> Iterator[S
 
 def bad_cells(place: Place, *_: object) -> Iterator[Seen]:
     """Cells that kill their worker, take more memory than it may hold, or hang: each fails alone, in words."""
-    cases = (("leaves", ("every worker died",), ()), ("grows", ("more memory than a worker may hold (0.40 GB)",), ()))
-    cases += (("hangs", ("no answer within 2 s",), ("--cell-timeout", "2")),)  # type: ignore[assignment]
+    cases: tuple[tuple[str, str, str, tuple[str, ...]], ...] = (
+        ("cell that calls os._exit", "leaves", "os._exit(7)", ()),
+        ("poison cell (ends its worker)", "is killed", "every worker died", ()),
+        ("cell beyond the worker's memory", "grows", "more memory than a worker may hold (0.40 GB)", ()),
+        ("cell that hangs", "hangs", "no answer within 2 s", ("--cell-timeout", "2")),
+    )
     for where in ("tcp", "own"):
         with contextlib.ExitStack() as stack:
             address = "distributed"
             if where == "tcp":
                 address = stack.enter_context(cluster(place.folder, place.env, 2, "--memory-limit", "400MB")).address
-            for how, words, more in cases:
+            for fault, how, words, more in cases:
                 if where == "own" and how == "grows":
                     continue  # its workers may hold a share of the machine's memory, which others use
-                fault = {"leaves": "poison cell (ends its worker)", "grows": "cell beyond the worker's memory", "hangs": "cell that hangs"}[
-                    how
-                ]
                 seen = Seen(f"{fault}, {address if where == 'own' else 'tcp://'}", "exit 3, that cell alone, the same other arrays")
                 done = place.run((*NUMBERS[:20], how, *NUMBERS[20:]), "b", "--scheduler", address, "--workers", "2", *more)
-                what, right = failed(done, how, *words)
+                what, right = failed(done, how, words)
                 seen.count(unless(what, right and place.same("b")))
                 shutil.rmtree(place.folder / "b", ignore_errors=True)
                 yield seen

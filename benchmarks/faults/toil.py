@@ -1,6 +1,7 @@
 """A plugin whose cells take a while, and misbehave in the way they are told to: what `cluster.py` runs on a cluster."""
 
 import os
+import signal
 import time
 from dataclasses import dataclass
 from typing import ClassVar
@@ -39,6 +40,8 @@ class Toil(Stage):
     def run(self, irradiance):
         if self.how == "leaves":
             os._exit(7)
+        if self.how == "is killed":
+            os.kill(os.getpid(), signal.SIGKILL)
         if self.how == "hangs":
             time.sleep(600)
         if self.how == "grows":

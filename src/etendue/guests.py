@@ -176,7 +176,7 @@ def _exit_watched() -> Iterator[None]:
     try:
         yield
     finally:
-        if os._exit is own:
+        if os is not None and os._exit is own:  # None where the interpreter itself ends
             os._exit = real
 
 

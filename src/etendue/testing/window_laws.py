@@ -90,7 +90,9 @@ class _Window(Bench):
 
 
 def _pixel_by_pixel(bench: Bench) -> bool:
-    """Whether a stage writes frames of the places that it reads."""
+    """Whether a stage writes frames of the pixels that it reads: light has bands, and is never cut as a sensor's rows are."""
+    if any("wavelength" in declaration.dims for declaration in bench.reads.values()):
+        return False
     read = [bench.input_grids()[port] for port, d in bench.reads.items() if has_rows(d.dims)]
     grids = bench.job().grids
     written = [grids[variable] for variable, d in bench.writes.items() if has_rows(d.dims)]

@@ -114,7 +114,8 @@ class ExposureReport(GainChain):
         sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
         floor = sigma**2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
         floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
-        variance = expected_charge + expected_charge.dtype.type(floor)
+        held = np.result_type(expected_charge, np.min_scalar_type(floor))  # rounding of a coarse converter may be beyond float32
+        variance = expected_charge + held.type(floor)
         snr = expected_charge / np.sqrt(np.maximum(variance, np.finfo(variance.dtype).tiny))
         clipped = (raw >= 2**self.bits - 1) | (expected_charge >= self.well())
         if clipped.any():  # such a pixel says nothing of how much light there was
