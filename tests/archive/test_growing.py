@@ -181,7 +181,7 @@ def test_only_what_is_new_is_computed_and_what_is_stored_stays(tmp_path, fresh, 
     assert {p: p.stat().st_mtime_ns for p in archive.rglob("*") if p.is_file()} == state, "a run with nothing to do has written"
 
 
-@pytest.mark.parametrize("count", [pytest.param(3, id="some"), pytest.param(60, id="many", marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [pytest.param(3, id="some"), pytest.param(24, id="many", marks=pytest.mark.long)])
 @pytest.mark.parametrize("frame", [SAME, FIXED], ids=["rows and columns fixed", "a sensor of fixed size"])
 def test_killed_at_any_change_of_a_file_nothing_stored_is_lost_or_computed_again(tmp_path, fresh, monkeypatch, frame, count):
     """Most of them between the growth of the arrays and the first cell. The next run may also be the one before it again."""

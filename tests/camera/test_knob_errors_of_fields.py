@@ -57,7 +57,7 @@ def wiener_nodes(random):
 
 
 KNOBS = {
-    "lens_psf_field.tolerance": (field_tolerance, 2, 40), "aberrations": (aberrations_settings, 1, 30),
+    "lens_psf_field.tolerance": (field_tolerance, 2, 40), "aberrations": (aberrations_settings, 1, 12),
     "wiener.nodes": (wiener_nodes, 4, 100),
 }  # fmt: skip
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from etendue.cli import main
-from etendue.report.terminal import _out, _print_whole, print_archive, short_axes
+from etendue.report.stored import print_archive
+from etendue.report.terminal import _out, _print_whole, short_axes
 from etendue.studies.files import finite
 from tests.fresh import process
 

@@ -59,7 +59,7 @@ def compare(
     how = Options(check_scheduler(scheduler), workers or 0)
     progress = None if as_json else TerminalProgress
     along = parse_axis(axis, options.number)
-    folder = output or Path(f"{pipeline.name}-compare-{along.key.removesuffix('.use').replace('.', '_')}")
+    folder = output or Path(f"{pipeline.name}-compare-{along.key.removesuffix('.use').removeprefix('camera.').replace('.', '_')}")
     found = measure(pipeline, along, repeat, noise_free, how, progress, not no_mtf50, lambda: check_folder(folder))
     files = write_files(found, folder)
     if as_json:

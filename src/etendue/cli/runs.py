@@ -230,7 +230,7 @@ def archive(place: Path | str, as_json: bool) -> None:
     """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
     from etendue.archive import places
     from etendue.archive.describe import describe_archive
-    from etendue.report.terminal import print_archive
+    from etendue.report.stored import print_archive
 
     with places.reading(place, inputs=False) as folder:
         described = places.named(describe_archive(folder), folder, place)
