@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -36,12 +37,12 @@ class StageEntry:
     place: str
 
 
-class Source:
+class Source(ABC):
     """Whatever a pipeline may be had from: one that was read, or one written in Python."""
 
+    @abstractmethod
     def written(self) -> Pipeline:
         """The pipeline as if it had been read from a file."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
