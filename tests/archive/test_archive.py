@@ -265,7 +265,7 @@ def test_a_flipped_bit_of_a_cell_is_found_on_reading_and_damages_that_cell_alone
     assert (damage.variable, damage.slot) == ("photon_rate", 2)
 
 
-@pytest.mark.parametrize("damage", ["flipped", "cut", "behind"])
+@pytest.mark.parametrize("damage", ["flipped", *(pytest.param(one, marks=pytest.mark.long) for one in ("cut", "behind"))])
 def test_a_damaged_index_costs_no_cell(copy, whole, plan, damage):
     """The journal knows where every chunk lies."""
     path = copy / "data.zarr/pixel/32x32/photon_rate/c.0.0.0.0.0"

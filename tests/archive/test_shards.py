@@ -78,6 +78,7 @@ def test_what_a_killed_run_has_finished_is_seen_and_never_computed_again(whole, 
     assert not parts(archive)
 
 
+@pytest.mark.long
 def test_killed_again_and_again_it_still_ends_with_every_cell_computed_once(whole, plan, place, tmp_path):
     """Each run takes over the parts of all before it."""
     archive = tmp_path / "a"

@@ -107,7 +107,7 @@ def instants(begun, plan, tmp_path, count):
 @pytest.mark.parametrize(
     ("begun", "asked", "count"),
     [
-        (None, {}, 4), ("whole", GROWN, 3), ("whole", OTHER, 3),
+        ("whole", GROWN, 4),
         *(pytest.param(*one, 8, marks=pytest.mark.long) for one in ((None, {}), ("whole", GROWN), ("whole", OTHER))),
     ],
 )  # fmt: skip

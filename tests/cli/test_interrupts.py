@@ -70,6 +70,7 @@ def test_a_run_interrupted_at_some_instants_leaves_nothing_and_is_mended(tmp_pat
         assert not ended.left and ended.mended, ended
 
 
+@pytest.mark.long
 def test_a_stage_that_hangs_in_a_thread_does_not_hold_ctrl_c_up(tmp_path):
     from tests.cli.test_plugins import MODULE, install_twice
 

@@ -65,7 +65,7 @@ def archives(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module", params=PIPELINES)
+@pytest.fixture(scope="module", params=[pytest.param(one, marks=[] if one == "A" else [pytest.mark.long]) for one in PIPELINES])
 def archive(request, archives):
     return archives / request.param
 

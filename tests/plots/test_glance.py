@@ -186,7 +186,10 @@ def test_a_tree_that_is_closed_or_damaged_says_what_cannot_be_read(archive, tmp_
     assert "cannot be read" in html and "MTF" not in html.split("Figures")[-1].split("Look further")[0]
 
 
-@pytest.mark.parametrize("lost", ["encode", "exposure_report/f_number", "ledger/status/c", "zarr.json"])
+LOST = ("encode", *(pytest.param(one, marks=pytest.mark.long) for one in ("exposure_report/f_number", "ledger/status/c", "zarr.json")))
+
+
+@pytest.mark.parametrize("lost", LOST)
 def test_an_archive_that_lost_a_part_is_damaged_and_says_what_mends_it(archive, tmp_path, lost):
     folder = tmp_path / "damaged"
     shutil.copytree(archive, folder)

@@ -52,6 +52,7 @@ def test_a_naive_plugin_is_caught_in_each_of_its_faults_by_name(naive):
             assert any(law == own and words in why for own, why in broken), (stage, law, broken)
 
 
+@pytest.mark.long
 def test_the_sound_twins_of_naive_stages_pass(naive):
     rows = [row for row in json.loads(naive.stdout)["cases"] if row["stage"].startswith("sound_")]
     assert {row["stage"] for row in rows} == {name.replace("naive", "sound") for name in FAULTS}
