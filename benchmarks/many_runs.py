@@ -294,9 +294,12 @@ class Trial:
         asyncio.run(every())
 
     def run_in_a_dask_worker(self, threads: int = 4) -> None:
+        import dask
         import distributed
 
         with (
+            # What Dask's profiler asks every 10 ms may hang CPython 3.11 where others start threads (its issue 106883).
+            dask.config.set({"distributed.worker.profile.enabled": sys.version_info >= (3, 12)}),
             distributed.LocalCluster(n_workers=1, threads_per_worker=threads, processes=False, dashboard_address=None) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):

@@ -20,6 +20,7 @@ from etendue.run.workers import quiet_tracker
 DEATHS = 1  # so many workers may die of a batch before its cells are tried one by one
 ENDING = 10.0  # seconds in which workers may end in order
 SILENT = logging.CRITICAL + 1
+NO_PROFILE = {"distributed.worker.profile.enabled": False}  # it looks at frames, where CPython 3.11 may hang (its issue 106883)
 
 
 @contextmanager
@@ -38,7 +39,7 @@ def own_cluster(workers: int) -> Iterator[Any]:
         cluster = made(
             n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", protocol="tls://", dashboard_address=None,
             security=distributed.Security.temporary(),  # type: ignore[no-untyped-call]
-            scheduler_kwargs={"allowed_failures": DEATHS}, silence_logs=SILENT,
+            scheduler_kwargs={"allowed_failures": DEATHS}, silence_logs=SILENT, config=NO_PROFILE,
         )  # fmt: skip
     except (OSError, RuntimeError, TimeoutError) as error:
         raise MachineError(f"--scheduler distributed: the workers could not be started: {error}") from None
