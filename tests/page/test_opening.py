@@ -102,8 +102,15 @@ def test_what_limits_is_the_factor_at_the_choice_and_what_it_is_worth():
     detail, noise = figure("mtf50", [9, 8, 1], ("f_number",)), figure("mean_snr", [1, 8, 9], ("f_number",))
     made = opened([index, gain, detail, noise], (F,))
     assert made["place"] == {"f_number": 1}
-    assert [(one["factor"], one["gain"]) for one in made["limits"]] == [("geometry", 2.0)]
+    assert [(one["factor"], one["gain"], one["capped"]) for one in made["limits"]] == [("geometry", 2.0, None)]
     assert [(one["place"], one["values"]) for one in made["front"]["beside"]] == [(0, [9, 1]), (2, [1, 9])]
+
+
+def test_detail_beyond_the_nyquist_frequency_is_said_to_be_capped():
+    index = figure("limiting_factor", [0, 1], ("t",), meanings=("geometry", "sampling"))
+    gain = figure("resolution_gain", [[2.3, 1.26], [1.1, 1.4]], ("t",), dims=("factor",))
+    (limit,) = opened([index, gain], (T,))["limits"]
+    assert (limit["factor"], limit["gain"], limit["capped"]) == ("geometry", 2.3, 1.26)
 
 
 def test_the_page_of_an_archive_opens_at_the_choice_and_with_its_error(archive):

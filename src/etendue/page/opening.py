@@ -27,6 +27,7 @@ from etendue.spec.variables import variable as known
 OPEN = ("detail", "noise", "dynamic range", "clipping", "aliasing", "colour", "information", "exposure")  # a figure of each stands open
 SUBJECTS = (*OPEN, "defective pixels", "lens", "pixel")
 OTHER = "other"
+CAP = "sampling"  # the factor beyond which nothing is resolved, however good all else is
 MOST_OPEN = 8
 CLIPPED = 0.01  # share of pixels: a camera that clips more is not chosen while others clip less
 MOST_CELLS = 1_000_000  # of a front
@@ -219,7 +220,10 @@ def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int]
 
 
 def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Which of the named factors is the limit at a place, and what each is worth where a figure beside says so."""
+    """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
+
+    ``capped``: how many times the Nyquist frequency detail would reach; beyond 1 these pixels show none of it, whatever else is better.
+    """
     found = []
     for one in figures:
         if not (known(one.variable).index and one.meanings and not one.dims):
@@ -234,6 +238,7 @@ def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[st
             {
                 "stage": one.stage, "variable": one.variable, "subject": known(one.variable).subject or OTHER,
                 "factor": one.meanings[int(value)], "gain": None if own is None else float(own[int(value)]),
+                "capped": float(own[one.meanings.index(CAP)]) if own is not None and CAP in one.meanings else None,
             }
         )  # fmt: skip
     return found

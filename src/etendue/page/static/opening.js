@@ -106,7 +106,11 @@ function changed(scalar, now, then) {
 }
 
 function limitsOf(doc, limits, front, on) {
-  const said = limits.map((one) => el('p', {}, 'Of ', KINDS[one.subject] || one.subject, ': ', el('strong', {}, FACTORS[one.factor] || named(one.factor)), one.gain && one.gain > 1 ? `; without it ${say(one.gain, 2)} times as much.` : '.'));
+  const said = limits.map((one) => {
+    const what = ['Of ', KINDS[one.subject] || one.subject, ': '], factor = FACTORS[one.factor] || named(one.factor);
+    if (one.capped > 1.005 && one.factor !== 'sampling') return el('p', {}, ...what, el('strong', {}, FACTORS.sampling), ` (Nyquist), then ${factor}.`);
+    return el('p', {}, ...what, el('strong', {}, factor), one.gain && one.gain > 1 ? `; without it ${say(one.gain, 2)} times as much.` : '.');
+  });
   if (!front || !front.beside.length) return said;
   const short = on.map((s, k) => ({ detail: 'detail', noise: 'SNR' }[front.kinds[k]] || s.name));
   const rows = front.beside.map((one) => el('tr', { class: one.usable ? '' : 'clips' }, el('td', {}, axisValue(axisOf(one.dim), one.place)), on.map((s, k) => el('td', { class: 'number' }, changed(s, s.figure.value(doc.start, s.inner), one.values[k]))), el('td', {}, one.usable ? '' : 'clips')));
