@@ -1,6 +1,6 @@
 """How often the 95 % intervals of ``etendue measure`` hold the MTF50 of one slanted edge, by sharpness, file and noise.
 
-    python benchmarks/measure_coverage.py              # 200 draws a cell: about ten minutes of one core
+    python benchmarks/measure_coverage.py              # 200 draws a cell: about half an hour of one core
     python benchmarks/measure_coverage.py --draws 60 --files "JPEG 75" --sigmas 0.5
 
 Each draw has an edge of its own: blurred by a Gaussian of so many pixels rms, 3 to 15 degrees from rows or columns, at any place of pixel
