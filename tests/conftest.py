@@ -21,8 +21,3 @@ os.environ.setdefault("ETENDUE_CACHE", str(Path(tempfile.gettempdir()) / f"etend
 if "mix_stderr" in inspect.signature(CliRunner).parameters:  # before click 8.2; as later: stderr apart, output both of them
     CliRunner.__init__ = partialmethod(CliRunner.__init__, mix_stderr=False)
     Result.output = property(lambda result: result.stdout + result.stderr)
-
-
-def pytest_collection_modifyitems(items: list) -> None:
-    """Laws that have a time of their own, which take longest, go first: none of them is what all others wait for at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("timeout") is None)
