@@ -14,7 +14,7 @@ import time
 from threadpoolctl import threadpool_limits
 
 import etendue
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
 
 FRAMES, SIDE = 64, 64
 CHAIN = ("shot_noise", "full_well", "read_noise", "adc", "linearise")

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 import etendue
-from etendue import spectra
-from etendue.physics.colour import difference, encoding, matrices
+from etendue_camera import spectra
+from etendue_camera.colour import difference, encoding, matrices
 
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "colour.toml"
 LIGHTS = ("D65", "D50", "A", "FL2", "FL11")

@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.sensor import cfa
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import arguments_of
 from etendue.run.memory import keep_freed_memory
-from etendue.spec.stage import arguments_of
+from etendue_camera.sensor import cfa
 
 PATTERN, BORDER, REPEAT, ENOUGH = "GRBG", 10, 5, 0.1
 LEFT_OUT = {"demosaic_any"}  # bilinear on a Bayer array

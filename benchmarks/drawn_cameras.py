@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.sensor import cfa
-from etendue.registry import installed_stages
-from etendue.spec import camera
-from etendue.spec.capabilities import is_source
-from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.stage import Stage, parameters_of, reads_of
-from etendue.spectra.names import rgb_space_names, tables
+from etendue.contract import quantities as camera
+from etendue.contract.capabilities import is_source
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import Stage, parameters_of, reads_of
+from etendue_camera.sensor import cfa
+from etendue_camera.spectra.names import rgb_space_names, tables
 
 Document = dict[str, Any]
 LARGEST, SMALL = 48, 16  # pixels along a side
@@ -413,7 +413,7 @@ class Drawn:
         return self.file("photograph.png").name
 
     def bank(self, spacing: float) -> str:
-        from etendue.physics.field.psf_bank import PsfBank
+        from etendue_camera.field.psf_bank import PsfBank
 
         step = np.arange(-5, 6)[:, None]
         spots = [[np.exp(-0.5 * ((step / (1 + w)) ** 2 + (step.T / (1 + h)) ** 2)) for w in (0.45, 0.65)] for h in (0.0, 0.5)]

@@ -18,9 +18,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 import etendue
-from etendue.physics.resolution.slanted_edge import slanted_edge
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.sensor.pixel import Diffusion, Pixel
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 
 F_NUMBERS = [1.4, 2.8, 5.6, 11.0, 22.0]
 PITCHES = [1.1, 2.0, 3.5, 5.4, 8.0]

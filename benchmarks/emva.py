@@ -3,7 +3,7 @@
     python benchmarks/emva.py [--seeds 200]
 
 The sensor is the product's own stages (bracket, exposure, shot_noise, full_well, read_noise, adc); the measurement is
-`etendue.physics.electronics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors, bias (in
+`etendue_camera.electronics.emva.measure`, which sees raw frames only. For each quantity: truth, mean over the sensors, bias (in
 percent, and in standard errors of the mean), and the share of 95 % intervals that hold the truth. Bound: 90 to 98 %.
 """
 
@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.electronics import dynamic_range, emva
-from etendue.physics.electronics.noise import philox
-from etendue.run.tables import SensorRandom
-from etendue.spec.grid import Grid, Line
-from etendue.stages.electronics.exposure import Exposure, FullWell, ShotNoise
-from etendue.stages.electronics.read_out import Adc, ReadNoise
+from etendue.compute.random import philox
+from etendue.compute.tables import SensorRandom
+from etendue.contract.grid import Grid, Line
+from etendue_camera.electronics import dynamic_range, emva
+from etendue_camera.electronics.stages.exposure import Exposure, FullWell, ShotNoise
+from etendue_camera.electronics.stages.read_out import Adc, ReadNoise
 
 ROWS, COLUMNS, LEVELS, FRAMES = 96, 128, 16, 2
 BASE = {

@@ -19,12 +19,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from etendue.accuracy.measuring import Measurement
+from etendue.accuracy.stating import stated_elsewhere
+from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, load
-from etendue.studies.measuring import Measurement
-from etendue.studies.stating import stated_elsewhere
 
 MEASURED, ABOVE = 4, 1e-6
 SCENES = ("composite", "slanted_edge", "siemens_star", "zone_plate", "step_wedge", "points", "colorchecker")

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import execute, load
 
 HERE = Path(__file__).resolve().parent

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.special import erf
 from threadpoolctl import threadpool_limits
 
-from etendue.physics.field import blur, warp
-from etendue.physics.field.psf_bank import PsfBank
+from etendue_camera.field import blur, warp
+from etendue_camera.field.psf_bank import PsfBank
 
 N_LENS, WAVELENGTH, SIZE, PITCH = 4.0, 0.55, 65, 0.5
 HEIGHTS = np.linspace(0.0, 1.0, 9)

@@ -67,7 +67,7 @@ from pathlib import Path
 
 def main(pipeline, archive, overrides, strips, bands, options):
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
+    from etendue.contract.registry import installed_stages
     from etendue.archive import pieces
     from etendue.plan import cost, strips as cut
     from etendue.session import Options, execute, load

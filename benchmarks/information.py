@@ -20,18 +20,18 @@ from typing import Any
 import numpy as np
 import scipy
 
-from etendue.physics.resolution import information as kernel
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import read_pipeline
-from etendue.studies.axis import without_sweep
-from etendue.studies.edge_contrast import edge_contrast
-from etendue.studies.fine_detail import fine_detail, frames
-from etendue.studies.ideal import ideal_of
-from etendue.studies.information import information
-from etendue.studies.loss_games import Contrast
-from etendue.studies.losses import losses, without_stages
-from etendue.studies.shapley import shares
+from etendue_camera.resolution import information as kernel
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.information.edge_contrast import edge_contrast
+from etendue_lab.information.fine_detail import fine_detail, frames
+from etendue_lab.information.study import information
+from etendue_lab.losses.games import Contrast
+from etendue_lab.losses.shapley import shares
+from etendue_lab.losses.study import losses, without_stages
+from etendue_lab.quality.ideal import ideal_of
 
 MISSED: list[str] = []
 REGISTRY = installed_stages()

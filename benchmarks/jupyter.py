@@ -4,8 +4,8 @@
 
 Without an archive pipelines/smallest.toml is run first. A JupyterLab of this Python is started on a free port of 127.0.0.1 with a token,
 its folders below a temporary one; headless Chromium opens a notebook of two cells, ``etendue.open_archive(...).etendue`` and
-``etendue.page.notebook.view(...)``, and runs them. Printed is a row for each step, with its time and what was seen; the exit code is 1
-where something is not as it should be. Kernel and server are ended, and it is said whether any of them is left. Needs jupyterlab,
+``etendue.present.page.notebook.view(...)``, and runs them. Printed is a row for each step, with its time and what was seen; the exit code
+is 1 where something is not as it should be. Kernel and server are ended, and it is said whether any of them is left. Needs jupyterlab,
 ``etendue[view]``, playwright and a Chromium.
 """
 
@@ -88,7 +88,7 @@ def made(folder: Path) -> Path:
 def notebook(path: Path, archive: str, height: int) -> None:
     cells = [
         f"import etendue, os\nprint('kernel', os.getpid())\netendue.open_archive({archive!r}).etendue",
-        f"from etendue.page.notebook import view\nview({archive!r}, height={height})",
+        f"from etendue.present.page.notebook import view\nview({archive!r}, height={height})",
     ]
     made = [
         {"cell_type": "code", "id": f"cell{n}", "execution_count": None, "metadata": {}, "outputs": [], "source": text}
@@ -216,7 +216,7 @@ def pointed_at(page: Any, frame: Any) -> tuple[int, int, list[float]]:
 
 
 def axis_values(archive: Path) -> dict[str, list[float]]:
-    from etendue.page.opened import Opened
+    from etendue.present.page.opened import Opened
 
     opened = Opened(archive)
     return {axis.dim: list(axis.values) for axis in opened.axes if axis.dim in opened.reaching("encode")}

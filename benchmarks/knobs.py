@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from etendue.physics.light import sampling
-from etendue.physics.optics import diffraction
-from etendue.physics.sensor import photodiode, silicon
-from etendue.run.otf import Otf, weights_of
-from etendue.run.tables import TABLES
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.resolution.analytic import Resolution
-from etendue.stages.sensor.pixel import Diffusion, Pixel
+from etendue.compute.joined.otf import Otf, weights_of
+from etendue.compute.tables import TABLES
+from etendue.transfer import sampling
+from etendue_camera.optics import diffraction
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.resolution.stages.analytic import Resolution
+from etendue_camera.sensor import photodiode, silicon
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 
 EDGES = tuple(400.0 + 20.0 * i for i in range(17))
 SETTINGS = ((4096, True, 320), (512, True, 160), (256, True, 64), (512, False, 48), (256, False, 48), (128, False, 48))

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from etendue.api import Stage, labelled
-from etendue.spec.stage import arguments_of
+from etendue.contract.stage import arguments_of
 
 PLANES = "channel y x [1]"
 

@@ -80,8 +80,8 @@ def run(store: str, terms: int, out: str) -> None:
     """The product: plan, run, archive."""
     import etendue
     from etendue import session
+    from etendue.contract.registry import installed_stages
     from etendue.plan import planner
-    from etendue.registry import installed_stages
 
     stages = [{"use": "uniform", "name": "scene", "white_luminance": 1, "width": 60, "height": 40}]
     stages += [{"use": name} for name in ("irradiance", "diffraction", "pixel")]
@@ -107,12 +107,13 @@ def reference(store: str, out: str) -> None:
     """Float64, whole frame, every band: the same physics without the engine."""
     import zarr
 
-    from etendue.physics.light import radiometry, sampling
-    from etendue.physics.optics import diffraction
-    from etendue.physics.sensor import photodiode, silicon
+    from etendue.contract.registry import installed_stages
     from etendue.plan import planner
-    from etendue.registry import installed_stages
     from etendue.session import from_document
+    from etendue.transfer import sampling
+    from etendue_camera.light import radiometry
+    from etendue_camera.optics import diffraction
+    from etendue_camera.sensor import photodiode, silicon
 
     group = zarr.open_group(store, mode="r")
     cube, bounds = group["radiance"], np.asarray(group["wavelength_bounds"][...])

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.special import ndtr
 
 import etendue
-from etendue.physics.light import cell_pixels, cells
-from etendue.physics.optics import diffraction, lens
-from etendue.physics.optics.undershoot import undershoot
-from etendue.physics.sensor import photodiode, silicon
+from etendue.transfer import cell_pixels, cells
+from etendue_camera.optics import diffraction, lens
+from etendue_camera.optics.undershoot import undershoot
+from etendue_camera.sensor import photodiode, silicon
 
 NUMBERS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 22.0, 64.0)
 SPACINGS = (0.3, 0.7, 1.0, 2.0, 2.64, 4.0, 5.3, 6.0)

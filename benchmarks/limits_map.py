@@ -19,8 +19,8 @@ import numpy as np
 import xarray
 
 import etendue
-from etendue.plots.panels import Sides, map_of_names, map_of_numbers
-from etendue.plots.plot import Plot
+from etendue.present.plots.panels import Sides, map_of_names, map_of_numbers
+from etendue.present.plots.plot import Plot
 
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "resolution.toml"
 BOUND = 0.5  # per cent of MTF50, noise-free, before the mosaic

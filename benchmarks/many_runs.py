@@ -32,9 +32,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Stage, hookimpl, quantity
-from etendue.discovery import Discovery, installed
+from etendue.contract.registry import Registry, installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import Registry, installed_stages
+from etendue.plugins.discovery import Discovery, installed
 from etendue.session import Options, collect, execute, load, simulate
 
 MEASURED = ("ledger", "summary")  # tables that hold run times

@@ -18,10 +18,10 @@ import tifffile
 from PIL import Image
 
 from etendue.errors import RequestError
-from etendue.physics.colour.encoding import srgb_encode
-from etendue.physics.quality.patch_noise import patch_noise
-from etendue.physics.resolution.star_interval import star_resolution
-from etendue.studies.measuring_pictures.study import Asked, measure
+from etendue_camera.colour.encoding import srgb_encode
+from etendue_camera.quality.patch_noise import patch_noise
+from etendue_camera.resolution.star_interval import star_resolution
+from etendue_lab.measure.study import Asked, measure
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SIGMA = 1.0

@@ -23,8 +23,8 @@ import tifffile
 from PIL import Image
 
 from etendue.errors import RequestError
-from etendue.physics.colour.encoding import srgb_encode
-from etendue.studies.measuring_pictures.study import Asked, measure
+from etendue_camera.colour.encoding import srgb_encode
+from etendue_lab.measure.study import Asked, measure
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SIGMAS, NOISES = (0.35, 0.5, 0.7, 1.0, 2.0), (0.0, 0.005, 0.02)

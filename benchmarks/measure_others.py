@@ -20,8 +20,8 @@ import scipy
 from PIL import Image, ImageDraw, ImageFont
 
 from etendue.errors import RequestError
-from etendue.physics.colour.encoding import srgb_encode
-from etendue.studies.measuring_pictures.study import Asked, measure
+from etendue_camera.colour.encoding import srgb_encode
+from etendue_lab.measure.study import Asked, measure
 
 SIDE, FINER = 112, 4
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms

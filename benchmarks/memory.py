@@ -47,9 +47,9 @@ def overrides(camera: str, mpixel: float, bands: int, precision: str) -> dict[st
 
 def planned(camera: str, mpixel: float, bands: int, precision: str) -> Any:
     """The plan of a frame."""
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.file import from_document, read_pipeline
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
-    from etendue.spec.pipeline import from_document, read_pipeline
 
     if camera != "raw_to_colour":
         return make_plan(read_pipeline(PIPELINES / f"{camera}.toml", overrides(camera, mpixel, bands, precision)), installed_stages())
@@ -57,8 +57,8 @@ def planned(camera: str, mpixel: float, bands: int, precision: str) -> Any:
 
     import raw_to_colour
 
-    from etendue import discovery
-    from etendue.hookspecs import GROUP
+    from etendue.plugins import discovery
+    from etendue.plugins.hookspecs import GROUP
 
     own = discovery.Discovery([*discovery.installed().points, EntryPoint("frames", "raw_to_colour", GROUP)])
     discovery.installed = lambda: own

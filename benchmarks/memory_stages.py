@@ -28,9 +28,9 @@ def waves(frame: tuple[int, int]) -> Any:
 
 def rows_of(names: Sequence[str]) -> list[str]:
     """Installed stages that read or write frames and are no transfer functions, which the engine computes."""
-    from etendue.registry import installed_stages
-    from etendue.spec.capabilities import is_transfer
-    from etendue.spec.stage import reads_of, writes_of
+    from etendue.contract.capabilities import is_transfer
+    from etendue.contract.registry import installed_stages
+    from etendue.contract.stage import reads_of, writes_of
 
     found, stages = [], installed_stages()
     for name in stages.names():
@@ -43,13 +43,13 @@ def rows_of(names: Sequence[str]) -> list[str]:
 
 def row(name: str, precision: str, **given: Any) -> dict[str, float]:
     """Bytes of one stage: all that it reads, what comes to it, what is planned to, and ``working``: what is right and what it says."""
-    from etendue.registry import installed_stages
-    from etendue.run.cell import compute
+    from etendue.compute.cell import compute
+    from etendue.compute.joined.segments import Result
+    from etendue.compute.tables import TABLES
+    from etendue.contract.capabilities import is_source
+    from etendue.contract.registry import installed_stages
+    from etendue.contract.stage import looks_at_stages
     from etendue.run.peak_memory import job_bytes
-    from etendue.run.segments import Result
-    from etendue.run.tables import TABLES
-    from etendue.spec.capabilities import is_source
-    from etendue.spec.stage import looks_at_stages
     from etendue.testing.bench import Bench
     from etendue.testing.cases import ordinary
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 import etendue
-from etendue.physics.electronics import converter, distributions, dynamic_range, noise
-from etendue.physics.electronics.noise import philox
-from etendue.run.tables import SensorRandom
-from etendue.spec.grid import Grid, Line
-from etendue.stages.electronics.exposure import Exposure, FullWell, ShotNoise
-from etendue.stages.electronics.read_out import Adc, ReadNoise
+from etendue.compute.random import philox
+from etendue.compute.tables import SensorRandom
+from etendue.contract.grid import Grid, Line
+from etendue_camera.electronics import converter, distributions, dynamic_range, noise
+from etendue_camera.electronics.stages.exposure import Exposure, FullWell, ShotNoise
+from etendue_camera.electronics.stages.read_out import Adc, ReadNoise
 
 MISSED: list[str] = []
 ROWS, COLUMNS = 256, 256

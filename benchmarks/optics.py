@@ -22,7 +22,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 import etendue  # noqa: E402
-from etendue.run.tables import TABLES  # noqa: E402
+from etendue.compute.tables import TABLES  # noqa: E402
 
 CAMERA = {"peak_qe": [0.4, 0.5, 0.35], "f_number": 4.0, "pixel_pitch": 4.0, "focal_length": 8}
 FRAME = {
@@ -75,7 +75,7 @@ def whole_frame() -> int:
 
 def bank(folder: Path) -> str:
     """Spread functions that widen and turn into comets with the field."""
-    from etendue.physics.field.psf_bank import PsfBank
+    from etendue_camera.field.psf_bank import PsfBank
 
     size, heights = 33, np.linspace(0, 370, 7)
     y, x = np.mgrid[:size, :size] - size // 2

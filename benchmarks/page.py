@@ -62,7 +62,7 @@ def made(folder: Path) -> Path:
 
 
 def of_report(browser: Any, archive: Path, file: Path) -> tuple[int, float, float, list[float], int]:
-    from etendue.page.report import report
+    from etendue.present.page.report import report
 
     begun = time.perf_counter()
     written = report(archive, file)
@@ -71,8 +71,8 @@ def of_report(browser: Any, archive: Path, file: Path) -> tuple[int, float, floa
 
 
 def of_live(browser: Any, archive: Path) -> tuple[int, float, float, list[float], int]:
-    from etendue.page.live import Live
-    from etendue.page.server import Server
+    from etendue.present.page.live import Live
+    from etendue.present.page.server import Server
 
     begun = time.perf_counter()
     with Server(Live(archive)) as server:

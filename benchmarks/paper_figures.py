@@ -21,10 +21,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from etendue.physics.colour.encoding import srgb_decode, srgb_encode
-from etendue.physics.optics import diffraction
-from etendue.physics.scene.resampling import area_weights
-from etendue.physics.sensor import photodiode, silicon
+from etendue.transfer.resampling import area_weights
+from etendue_camera.colour.encoding import srgb_decode, srgb_encode
+from etendue_camera.optics import diffraction
+from etendue_camera.sensor import photodiode, silicon
 
 DPI, BOX, GAP, LABEL = 100, 256, 12, 34
 DETAIL = (38, 86, 64)  # first row, first column and side of the part that is drawn four times as large: cap, glasses, eyes
@@ -227,7 +227,7 @@ def mtf() -> Figure:
 
 def fig6() -> Figure:
     """Cones of the eye and primaries of a display."""
-    from etendue import spectra
+    from etendue_camera import spectra
 
     edges = np.arange(390.0, 731.0, 5.0)
     middle = 0.5 * (edges[1:] + edges[:-1])

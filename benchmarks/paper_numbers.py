@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.constants import ELEMENTARY_CHARGE
-from etendue.physics.colour import encoding, matrices
-from etendue.physics.electronics import dynamic_range as exposure
-from etendue.physics.light import radiometry
-from etendue.physics.optics import diffraction
-from etendue.physics.restoration import sharpening as restoration
-from etendue.physics.sensor import photodiode, silicon
+from etendue_camera.colour import encoding, matrices
+from etendue_camera.constants import ELEMENTARY_CHARGE
+from etendue_camera.electronics import dynamic_range as exposure
+from etendue_camera.light import radiometry
+from etendue_camera.optics import diffraction
+from etendue_camera.restoration import sharpening as restoration
+from etendue_camera.sensor import photodiode, silicon
 
 GREEN, TRACED = 0.555, 0.550  # um: the wavelengths of the paper's sections 2.5 and of its parameters
 PITCH, WINDOW, DEPLETION, DEPTH, LENGTH = 5.4, 4.0, 1.8, 10.0, 50.0  # um; the diffusion length is not in the paper
@@ -217,10 +217,10 @@ def times(physical: Path, paper: Path) -> list[Row]:
 
 def cost(pipeline: Path, repeat: int = 5) -> list[Row]:
     """What a run takes, best of several: inside a process that has everything loaded, and as a command."""
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.file import read_pipeline
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
     from etendue.session import Options, execute
-    from etendue.spec.pipeline import read_pipeline
 
     found: list[tuple[float, float, float]] = []
     for _ in range(repeat + 1):

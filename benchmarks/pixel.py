@@ -14,11 +14,11 @@ import time
 
 import numpy as np
 
-from etendue.physics.light import sampling
-from etendue.physics.sensor import cfa, crosstalk, photodiode, silicon
-from etendue.stages.sensor.crosstalk import channel_kernels, tables_of
-from etendue.stages.sensor.pixel import Diffusion, Pixel
-from etendue.stages.sensor.sensitivity import electrons_per_irradiance
+from etendue.transfer import sampling
+from etendue_camera.sensor import cfa, crosstalk, photodiode, silicon
+from etendue_camera.sensor.stages.crosstalk import channel_kernels, tables_of
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
+from etendue_camera.sensor.stages.sensitivity import electrons_per_irradiance
 
 RANDOM = np.random.default_rng(2010)
 POINTS = 3000

@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.electronics.noise import philox
-from etendue.physics.light import sampling
+from etendue.compute.random import philox
+from etendue.compute.tables import SensorRandom, coordinates_of, prepared_of
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import arguments_of
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.run.tables import SensorRandom, coordinates_of, prepared_of
-from etendue.spec.pipeline import read_pipeline
-from etendue.spec.stage import arguments_of
-from etendue.transfers import Product
+from etendue.transfer import sampling
+from etendue.transfer.products import Product
 
 HERE = Path(__file__).parent
 CHAIN = ("full_well", "read_noise", "adc", "linearise", "demosaic", "sharpen")

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from etendue.physics.light import sampling
-from etendue.physics.optics import annulus, diffraction, imaging, pupil, wavefront
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.optics.wavefront import Wavefront
+from etendue.transfer import sampling
+from etendue_camera.optics import annulus, diffraction, imaging, pupil, wavefront
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.optics.stages.wavefront import Wavefront
 
 BANDS = np.linspace(0.4, 0.7, 31)
 failed: list[str] = []

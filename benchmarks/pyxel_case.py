@@ -48,10 +48,10 @@ def measure(way: str, calls: int, workers: int) -> dict[str, Any]:
     folder, seconds, cpu, points, failed = Path(tempfile.mkdtemp()), [], [], 0, []
     for number in range(calls):
         began, spent = time.perf_counter(), time.process_time()
+        from etendue.contract.registry import installed_stages
+        from etendue.pipeline.file import from_document
         from etendue.plan.planner import make_plan
-        from etendue.registry import installed_stages
         from etendue.session import Options, execute
-        from etendue.spec.pipeline import from_document
 
         stored = way != WAYS[0]
         plan = make_plan(from_document({**CASE, "keep": "all" if stored else ["raw"]}), installed_stages())

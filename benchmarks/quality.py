@@ -22,12 +22,12 @@ import numpy as np
 from PIL import Image
 from scipy.signal import fftconvolve
 
-from etendue import spectra
-from etendue.physics.colour import difference
-from etendue.physics.colour.encoding import srgb_decode
-from etendue.physics.colour.matrices import RGB_TO_XYZ_SRGB, apply_matrix
-from etendue.physics.quality import fidelity, scielab
-from etendue.physics.quality.visible_noise import visible_noise
+from etendue_camera import spectra
+from etendue_camera.colour import difference
+from etendue_camera.colour.encoding import srgb_decode
+from etendue_camera.colour.matrices import RGB_TO_XYZ_SRGB, apply_matrix
+from etendue_camera.quality import fidelity, scielab
+from etendue_camera.quality.visible_noise import visible_noise
 
 CRT, DOTS, DISTANCE = "Typical CRT Brainard 1997", 0.0254 / 105.8333, 0.3  # m: the display of ISETCam's example, and how near it is
 BROAD_CUT = 0.5  # degrees: where the program of the authors of S-CIELAB, and ISETCam, cut the kernels
@@ -163,9 +163,9 @@ def noise() -> None:
 
 
 def cameras() -> None:
-    from etendue.registry import installed_stages
-    from etendue.spec.pipeline import read_pipeline
-    from etendue.studies.quality import quality as against_ideal
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.file import read_pipeline
+    from etendue_lab.quality.study import quality as against_ideal
 
     for name in ("smallest.toml", "paper_physical.toml"):
         pipeline = read_pipeline(Path(__file__).parent.parent / "pipelines" / name)

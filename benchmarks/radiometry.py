@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 import etendue
-from etendue import spectra
-from etendue.constants import PLANCK, SPEED_OF_LIGHT
-from etendue.physics.field import illumination
-from etendue.physics.light import radiometry
-from etendue.physics.optics import filters, focus, glare
+from etendue_camera import spectra
+from etendue_camera.constants import PLANCK, SPEED_OF_LIGHT
+from etendue_camera.field import illumination
+from etendue_camera.light import radiometry
+from etendue_camera.optics import filters, focus, glare
 
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "physics_reference.json"
 ROWS: list[tuple[str, str, str, bool]] = []

@@ -31,8 +31,8 @@ import drawn_cameras
 
 import etendue
 from etendue.errors import PluginError, RequestError
-from etendue.studies.stability import camera_laws
-from etendue.studies.stability.camera_laws import Broken, Document, Fault, Refused
+from etendue_lab.stability import camera_laws
+from etendue_lab.stability.camera_laws import Broken, Document, Fault, Refused
 
 MOST_REFUSED = 0.1
 

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 import etendue
-from etendue.physics.colour import difference
-from etendue.physics.mosaic import defect_correction, shading, white_balance
-from etendue.physics.quality import artefacts
-from etendue.physics.sensor import cfa
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
+from etendue_camera.colour import difference
+from etendue_camera.mosaic import defect_correction, shading, white_balance
+from etendue_camera.quality import artefacts
+from etendue_camera.sensor import cfa
 
 MISSED: list[str] = []
 D65 = np.array([0.95047, 1.0, 1.08883])

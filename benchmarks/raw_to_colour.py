@@ -103,10 +103,12 @@ def peak() -> int:
 
 
 def measure(way: str, asked: argparse.Namespace) -> None:
-    from etendue import discovery, session
-    from etendue.hookspecs import GROUP
-    from etendue.plan import planner, strips
-    from etendue.registry import installed_stages
+    from etendue import session
+    from etendue.compute import rows as strips
+    from etendue.contract.registry import installed_stages
+    from etendue.plan import planner
+    from etendue.plugins import discovery
+    from etendue.plugins.hookspecs import GROUP
     from etendue.run.peak_memory import peak_memory
 
     own = discovery.Discovery([*discovery.installed().points, EntryPoint("frames", "raw_to_colour", GROUP)])

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 import scipy.fft
 
-from etendue.physics.colour import difference, encoding
-from etendue.physics.colour import matrices as colour
-from etendue.physics.electronics import distributions, dynamic_range
-from etendue.physics.light import planck, radiometry
-from etendue.physics.mosaic import bilinear
-from etendue.physics.optics import diffraction
-from etendue.physics.restoration import deconvolution, sharpening
-from etendue.physics.sensor import photodiode
+from etendue_camera.colour import difference, encoding
+from etendue_camera.colour import matrices as colour
+from etendue_camera.electronics import distributions, dynamic_range
+from etendue_camera.light import planck, radiometry
+from etendue_camera.mosaic import bilinear
+from etendue_camera.optics import diffraction
+from etendue_camera.restoration import deconvolution, sharpening
+from etendue_camera.sensor import photodiode
 
 FILE = Path(__file__).parent.parent / "tests" / "data" / "physics_reference.json"
 Q = 1.602176634e-19

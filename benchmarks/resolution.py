@@ -19,13 +19,13 @@ from scipy.special import ive, ndtr
 from slanted_edge import edge, profile, systems
 from threadpoolctl import threadpool_limits
 
-from etendue.physics.optics import diffraction
-from etendue.physics.resolution import edge_bins, two_points
-from etendue.physics.resolution.edge_interval import edge_resolution
-from etendue.physics.resolution.siemens import star_response
-from etendue.physics.resolution.slanted_edge import slanted_edge
-from etendue.physics.resolution.texture import texture_response
-from etendue.physics.scene.dead_leaves import dead_leaves, leaves
+from etendue_camera.optics import diffraction
+from etendue_camera.resolution import edge_bins, two_points
+from etendue_camera.resolution.edge_interval import edge_resolution
+from etendue_camera.resolution.siemens import star_response
+from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.texture import texture_response
+from etendue_camera.scene.dead_leaves import dead_leaves, leaves
 
 PEERS = 40  # seeds on which the peer is asked too
 ANGLES = (2.0, 5.0, 10.0, 40.0)

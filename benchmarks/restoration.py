@@ -27,11 +27,11 @@ import scipy.fft
 from scipy import ndimage, signal
 from scipy.interpolate import CubicSpline
 
-from etendue.physics.light import sampling
-from etendue.physics.optics import diffraction
-from etendue.physics.resolution import restoration_gain
-from etendue.physics.resolution.slanted_edge import slanted_edge
-from etendue.physics.restoration import deconvolution, denoise, sharpening
+from etendue.transfer import sampling
+from etendue_camera.optics import diffraction
+from etendue_camera.resolution import restoration_gain
+from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.restoration import deconvolution, denoise, sharpening
 
 FILE = Path(__file__).parent.parent / "tests" / "data" / "physics_reference.json"
 PIXELS, FINER, PITCH, WAVELENGTH, F_NUMBER = 160, 6, 4.0, 0.55, 4.0

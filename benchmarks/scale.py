@@ -75,8 +75,8 @@ def measure(way: str, cells: int) -> dict[str, Any]:
 
 def schedule(cells: int) -> Any:
     """Plan, and all that stands between a plan and the first cell."""
+    from etendue.compute.jobs import make_jobs
     from etendue.run.batches import partition
-    from etendue.run.jobs import make_jobs
 
     plan = plan_of(HERE / "scale.toml", **sweep_of(cells))
     partition(make_jobs(plan, set(plan.cells), lambda cell: None))

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan, summary
-from etendue.registry import installed_stages
 from etendue.session import Options, collect, execute, load
 
 FOLDER = Path(__file__).parent.parent / "pipelines" / "scenes"

@@ -24,14 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.electronics.noise import philox
+from etendue.compute.cell import check
+from etendue.compute.given import arguments
+from etendue.compute.jobs import make_jobs
+from etendue.compute.joined.segments import Result
+from etendue.compute.random import philox
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.run.cell import check
-from etendue.run.given import arguments
-from etendue.run.jobs import make_jobs
 from etendue.run.memory import keep_freed_memory
-from etendue.run.segments import Result
 from etendue.session import Options, execute, load
 
 HERE = Path(__file__).parent

@@ -52,14 +52,14 @@ def timed(owner: Any, name: str, spent: list[float]) -> None:
 
 
 def child(rows: int, columns: int) -> None:
+    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
-    from etendue.report import pictures
+    from etendue.present.pictures import pictures
     from etendue.session import Options, execute, from_document
 
     spent: list[float] = []
     try:
-        from etendue.report import thumbnails
+        from etendue.present.pictures import thumbnails
 
         timed(thumbnails.Look, "__call__", spent)
     except ImportError:  # of a checkout that makes pictures at the end

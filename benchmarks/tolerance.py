@@ -16,13 +16,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from etendue.accuracy.holding import hold
+from etendue.accuracy.measuring import Measurement
+from etendue.accuracy.reference import reference_of
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.plan.planner import make_plan, summary
-from etendue.registry import installed_stages
 from etendue.session import Options, execute, load
-from etendue.studies.holding import hold
-from etendue.studies.measuring import Measurement
-from etendue.studies.reference import reference_of
 
 FOLDER = Path(__file__).parent.parent / "pipelines"
 NAMES = ("sweep", "paper_physical", "sensors", "real_lens")

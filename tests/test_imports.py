@@ -15,7 +15,7 @@ RUN = f"""
 import sys, tempfile
 from pathlib import Path
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
 from etendue.session import Options, execute, load
 
 def first(axis):  # one value of each axis: every stage runs, and the sweep is short

@@ -10,14 +10,14 @@ import click
 import pytest
 
 from etendue.cli import main
-from etendue.physics.colour import matrices
-from etendue.physics.electronics import dynamic_range
-from etendue.physics.optics import diffraction
-from etendue.physics.sensor import photodiode, silicon
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import simulate
-from etendue.spec.pipeline import read_pipeline
+from etendue_camera.colour import matrices
+from etendue_camera.electronics import dynamic_range
+from etendue_camera.optics import diffraction
+from etendue_camera.sensor import photodiode, silicon
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from etendue.registry import installed_stages
-from etendue.schema import schema
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.schema import schema
 
 jsonschema = pytest.importorskip("jsonschema")
 HERE = Path(__file__).parent

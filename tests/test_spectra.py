@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue import spectra
-from etendue.spectra import authority, library, shipped
+from etendue_camera import spectra
+from etendue_camera.spectra import authority, library, shipped
 
 VISIBLE_5 = np.arange(380.0, 781.0, 5.0)
 VISIBLE_10 = np.arange(380.0, 781.0, 10.0)
@@ -68,7 +68,7 @@ def run_python(code, *flags):
 
 
 def test_importing_spectra_and_asking_the_version_does_not_import_colour():
-    done = run_python("import sys, etendue.spectra as s\nprint(s.colour_version()); assert 'colour' not in sys.modules")
+    done = run_python("import sys, etendue_camera.spectra as s\nprint(s.colour_version()); assert 'colour' not in sys.modules")
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == spectra.colour_version()
 
@@ -76,7 +76,7 @@ def test_importing_spectra_and_asking_the_version_does_not_import_colour():
 def test_tables_load_without_any_warning_where_matplotlib_is_missing():
     done = run_python(
         "import sys; sys.modules['matplotlib'] = None\n"
-        "from etendue.spectra.authority import rows; rows('illuminant', 'D65'); assert 'colour' in sys.modules",
+        "from etendue_camera.spectra.authority import rows; rows('illuminant', 'D65'); assert 'colour' in sys.modules",
         "-W",
         "error",
     )
@@ -496,7 +496,7 @@ def test_a_binary_file_is_refused_as_csv(tmp_path):
 def test_the_list_of_names_for_plans_is_that_of_the_library():
     import colour
 
-    from etendue.spectra.names import tables
+    from etendue_camera.spectra.names import tables
 
     for kind, held in (
         ("illuminant", colour.SDS_ILLUMINANTS),
@@ -510,7 +510,7 @@ def test_the_list_of_names_for_plans_is_that_of_the_library():
 def test_a_file_named_colour_beside_a_script_is_not_taken_for_the_library(tmp_path):
     """Python looks beside the script first; the library itself looks there for another package of its name."""
     (tmp_path / "colour.py").write_text("raise ImportError('the wrong one')\n")
-    (tmp_path / "script.py").write_text("from etendue.spectra import authority\nprint(authority.rows('illuminant', 'D50').shape)\n")
+    (tmp_path / "script.py").write_text("from etendue_camera.spectra import authority\nprint(authority.rows('illuminant', 'D50').shape)\n")
     found = subprocess.run([sys.executable, str(tmp_path / "script.py")], capture_output=True, text=True, timeout=120, check=False)
     assert found.stdout.strip() == "(97, 2)", found.stderr
 

@@ -20,15 +20,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from etendue.contract import quantities as camera
+from etendue.contract.capabilities import is_source
+from etendue.contract.parameter import Parameter
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of, reads_of, writes_of
 from etendue.errors import MachineError, RequestError
+from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, execute
-from etendue.spec import camera
-from etendue.spec.capabilities import is_source
-from etendue.spec.parameter import Parameter
-from etendue.spec.pipeline import from_document
-from etendue.spec.stage import parameters_of, reads_of, writes_of
 
 SMALLEST = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 BEHIND = {

@@ -30,12 +30,12 @@ from etendue.archive.reading import open_archive
 from etendue.archive.remembered import remember
 from etendue.archive.stored import Stored
 from etendue.archive.verify import verify
+from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, execute
-from etendue.spec.pipeline import read_pipeline
-from etendue.studies.repairing import repair
+from etendue.trust.repairing import repair
 
 TEXT = """
 name = "small"

@@ -22,7 +22,7 @@ from hostile_kinds import sound_archive
 from etendue.archive.verify import verify
 from etendue.errors import EtendueError
 from etendue.session import Options
-from etendue.studies.reproducing import reproduce
+from etendue.trust.reproducing import reproduce
 
 FORGERIES = FORGERIES | WORDS
 SAID = SAID | SAID_WORDS

@@ -23,10 +23,10 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from etendue.contract.registry import installed_stages
 from etendue.errors import EtendueError, RequestError
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
 
 FOLDER = Path(__file__).parents[2] / "pipelines"
 VALUES = (

@@ -15,14 +15,14 @@ import numpy as np
 from PIL import Image
 
 import etendue
-from etendue.composing.stages import Placed
+from etendue.builder.stages import Placed
+from etendue.contract.parameter import MISSING
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.variables import variable
 from etendue.errors import EtendueError
-from etendue.plots import pictures
-from etendue.registry import installed_stages
-from etendue.report.catalogue import first_sentence, stage_document
-from etendue.spec.parameter import MISSING
-from etendue.spec.stage import parameters_of, reads_of, writes_of
-from etendue.spec.variables import variable
+from etendue.present.plots import pictures
+from etendue.present.terminal.catalogue import first_sentence, stage_document
 from making.markdown import shown
 from making.stages import roles
 

@@ -13,7 +13,7 @@ import xarray
 from matplotlib.figure import Figure
 from PIL import Image
 
-from etendue.plots import pictures
+from etendue.present.plots import pictures
 
 SHOWN = {
     "scene.radiance": "scene", "falloff.irradiance": "fall-off", "lens.irradiance": "lens", "aperture.irradiance": "diffraction",

@@ -1,4 +1,4 @@
-"""Pages of what is public in Python: ``etendue``, the door for plugins, their tests, and the kernels by wing."""
+"""Pages of what is public in Python: ``etendue``, the door for plugins, their tests, and the camera's kernels by subject."""
 
 import importlib
 import pkgutil
@@ -6,7 +6,6 @@ from inspect import isclass, isfunction
 
 import etendue
 import etendue.api
-import etendue.physics
 from making.markdown import shown, toctree
 
 WINGS = ("scene", "light", "optics", "field", "sensor", "electronics", "mosaic", "restoration", "colour", "resolution", "quality")
@@ -29,9 +28,11 @@ def pages() -> dict[str, str]:
         ]),
     }  # fmt: skip
     for wing in WINGS:
-        package = importlib.import_module(f"etendue.physics.{wing}")
-        modules = [f"{package.__name__}.{found.name}" for found in pkgutil.iter_modules(package.__path__)] or [package.__name__]
-        parts = [f"# etendue.physics.{wing}", "Kernels: plain functions on arrays."]
+        package = importlib.import_module(f"etendue_camera.{wing}")
+        modules = [f"{package.__name__}.{found.name}" for found in pkgutil.iter_modules(package.__path__) if found.name != "stages"] or [
+            package.__name__
+        ]
+        parts = [f"# etendue_camera.{wing}", "Kernels: plain functions on arrays."]
         made[f"python/physics_{wing}"] = "\n\n".join(
             [*parts, *[f"## {shown(name.rpartition('.')[2])}\n\n{_module(name)}" for name in modules]]
         )

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from etendue.spec.presets import preset, preset_names
-from etendue.spec.units import as_written
+from etendue.contract.units import as_written
+from etendue.pipeline.presets import preset, preset_names
 from making.markdown import shown, table
 
 

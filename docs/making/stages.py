@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from etendue import discovery
-from etendue.registry import Registry, installed_stages
-from etendue.report.catalogue import first_sentence, quantity_document, stage_document
-from etendue.spec import camera
-from etendue.spec.variables import parse_declaration, variable
+from etendue.contract import quantities as camera
+from etendue.contract.registry import Registry, installed_stages
+from etendue.contract.variables import parse_declaration, variable
+from etendue.plugins import discovery
+from etendue.present.terminal.catalogue import first_sentence, quantity_document, stage_document
 from making.markdown import paragraphs, shown, table, toctree
 
 

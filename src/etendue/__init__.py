@@ -1,4 +1,4 @@
-"""etendue: a digital camera, from scene light to display colour, as a graph of replaceable stages."""
+"""etendue: any graph of replaceable stages on labelled arrays, planned, swept, archived and shown."""
 
 import sys
 from types import ModuleType
@@ -6,27 +6,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from etendue.archive.places import open_archive
-    from etendue.composing.archives import Archive
-    from etendue.composing.pipeline import Pipeline, span
-    from etendue.plots.accessor import show
+    from etendue.builder.archives import Archive
+    from etendue.builder.pipeline import Pipeline, span
+    from etendue.pipeline.file import read_pipeline
+    from etendue.present.plots.accessor import show
     from etendue.session import simulate
-    from etendue.spec.pipeline import read_pipeline
 
 __all__ = ["Archive", "Pipeline", "open_archive", "read_pipeline", "show", "simulate", "span", "stages"]
 
 _PLACES = {
-    "Archive": "etendue.composing.archives",
-    "Pipeline": "etendue.composing.pipeline",
-    "show": "etendue.plots.accessor",
-    "span": "etendue.composing.pipeline",
+    "Archive": "etendue.builder.archives",
+    "Pipeline": "etendue.builder.pipeline",
+    "show": "etendue.present.plots.accessor",
+    "span": "etendue.builder.pipeline",
     "simulate": "etendue.session",
-    "read_pipeline": "etendue.spec.pipeline",
+    "read_pipeline": "etendue.pipeline.file",
     "open_archive": "etendue.archive.places",
 }
 
 
 class _Package(ModuleType):
-    """Imports what is asked for; ``stages`` is every installed stage by its name, though the package of that name has been imported."""
+    """Imports what is asked for; ``stages`` is every installed stage by its name."""
 
     def __getattr__(self, name: str) -> Any:
         if name in _PLACES:
@@ -49,13 +49,9 @@ class _Package(ModuleType):
     @property
     def stages(self) -> Any:
         """Installed stages as functions that place them in a pipeline."""
-        from etendue.composing.stages import STAGES
+        from etendue.builder.stages import STAGES
 
         return STAGES
-
-    @stages.setter
-    def stages(self, module: ModuleType) -> None:
-        """The import of the package ``etendue.stages`` ends here."""
 
 
 sys.modules[__name__].__class__ = _Package
@@ -64,7 +60,7 @@ sys.modules[__name__].__class__ = _Package
 def _with_plots(needed: bool = False) -> None:
     """``tree.etendue``, where xarray is there, or will be; else xarray asks for it when it looks for engines."""
     if needed or "xarray" in sys.modules:
-        from etendue.plots import accessor  # noqa: F401
+        from etendue.present.plots import accessor  # noqa: F401
 
 
 _with_plots()

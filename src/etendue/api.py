@@ -1,13 +1,9 @@
-"""The door for plugins: everything a stage from another distribution needs, besides ``etendue.physics``."""
+"""The door for plugins: everything a stage from another distribution needs, besides ``etendue_camera``."""
 
 import importlib
 from typing import Any
 
-from etendue.errors import EtendueError, Fault, PluginError, RequestError
-from etendue.hookspecs import hookimpl
-from etendue.labelled import labelled
-from etendue.spec.camera import quantity
-from etendue.spec.capabilities import (
+from etendue.contract.capabilities import (
     Banded,
     Bounded,
     ChannelTransfer,
@@ -21,13 +17,17 @@ from etendue.spec.capabilities import (
     Viewed,
     moves_light,
 )
-from etendue.spec.facts import UNKNOWN, Facts
-from etendue.spec.found import ends
-from etendue.spec.grid import RGB, XYZ, Bands, Grid, Labels, Line
-from etendue.spec.parameter import param
-from etendue.spec.roles import Datasheet, Displaying, EdgeScene, FlatScene, InSilicon, Noisy, Scaled
-from etendue.spec.stage import Stage, file_state
-from etendue.spec.stated import fitted, measured, proved
+from etendue.contract.facts import UNKNOWN, Facts
+from etendue.contract.found import ends
+from etendue.contract.grid import RGB, XYZ, Bands, Grid, Labels, Line
+from etendue.contract.labelled import labelled
+from etendue.contract.parameter import param
+from etendue.contract.quantities import quantity
+from etendue.contract.roles import Datasheet, Displaying, EdgeScene, FlatScene, InSilicon, Noisy, Scaled
+from etendue.contract.stage import Stage, file_state
+from etendue.contract.stated import fitted, measured, proved
+from etendue.errors import EtendueError, Fault, PluginError, RequestError
+from etendue.plugins.hookspecs import hookimpl
 
 __all__ = [
     "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "ChannelTransfer", "Datasheet", "Displaying", "EdgeScene", "EtendueError",
@@ -40,5 +40,5 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """``spectra`` (lights, eyes, cameras, tables as bin means) is imported by who asks for it."""
     if name == "spectra":
-        return importlib.import_module("etendue.spectra")
+        return importlib.import_module("etendue_camera.spectra")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

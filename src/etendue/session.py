@@ -16,26 +16,26 @@ from typing import Any
 
 from etendue import interrupts
 from etendue.calls import called
+from etendue.compute.jobs import make_jobs
+from etendue.compute.tables import TABLES
+from etendue.contract.ports import CellReport, Keeper, Progress
+from etendue.contract.registry import installed_stages
 from etendue.errors import PluginError, RequestError
+from etendue.pipeline.file import Pipeline, Source, from_document, overridden, parse_pipeline, read_pipeline, refuse_large
+from etendue.pipeline.overrides import TOP, apply_overrides
 from etendue.plan import planner
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
 from etendue.plan.resume import Work
 from etendue.plan.shown import shown_cells, where_shown
-from etendue.registry import installed_stages
 from etendue.run.batches import Batch, BatchResult, partition
-from etendue.run.jobs import make_jobs
 from etendue.run.machine import check_machine, check_scheduler
 from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.peak_memory import workers_of
 from etendue.run.serial import run_serial
-from etendue.run.tables import TABLES
 from etendue.run.watch import Stop, watched
-from etendue.spec.overrides import TOP, apply_overrides
-from etendue.spec.pipeline import Pipeline, Source, from_document, overridden, parse_pipeline, read_pipeline, refuse_large
-from etendue.spec.ports import CellReport, Keeper, Progress
 
 
 @dataclass
@@ -85,12 +85,12 @@ class Outcome:
         return self.reports.count(DONE, LEFT_OUT)
 
     def __repr__(self) -> str:
-        from etendue.plots.outcomes import outcome_text
+        from etendue.present.plots.outcomes import outcome_text
 
         return outcome_text(self)
 
     def _repr_html_(self) -> str:
-        from etendue.plots.outcomes import outcome_page
+        from etendue.present.plots.outcomes import outcome_page
 
         return outcome_page(self)
 
@@ -156,7 +156,8 @@ def execute(
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
         return placed
-    from etendue.report import pictures, tables, thumbnails  # noqa: F401  # seconds of imports, while a signal may still end everything
+    from etendue.present.pictures import pictures, thumbnails  # noqa: F401
+    from etendue.present.terminal import tables  # noqa: F401  # seconds of imports, while a signal may still end everything
 
     if archive is not None:
         from etendue.archive import keeper  # noqa: F401
@@ -168,7 +169,8 @@ def execute(
 
 
 def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) -> Outcome:
-    from etendue.report import pictures, small_maps, tables, thumbnails
+    from etendue.present.pictures import pictures, small_maps, thumbnails
+    from etendue.present.terminal import tables
 
     began, at = time.perf_counter(), where_shown(plan)
     with keeping as keeper:
@@ -246,7 +248,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
 
 def _maps(work: Work, keeper: Keeper, reports: Reports) -> list[Any]:
     """Maps of figures over the sweep, as they stand on the contact sheet."""
-    from etendue.report import small_maps
+    from etendue.present.pictures import small_maps
 
     chosen = small_maps.small_maps(work.plan) if keeper.folder else []
     refs = dict.fromkeys(ref for one in chosen for ref in one.cells)
@@ -385,7 +387,7 @@ def simulate(
         raise PluginError(
             f"{len(outcome.failed)} cells failed; the first: {first.stage} {plan.labels(ref)}, {plan.origin(ref)}: {first.message}"
         )
-    from etendue.plots import accessor  # noqa: F401  # tree.etendue.plot
+    from etendue.present.plots import accessor  # noqa: F401  # tree.etendue.plot
 
     if archive is None:
         return outcome.tree

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from etendue import manifest
-from etendue.discovery import installed
-from etendue.registry import installed_stages
-from etendue.spec.stage import Stage, parameters_of, reads_of, writes_of
-from etendue.spec.variables import variable
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
+from etendue.contract.variables import variable
+from etendue.plugins.discovery import installed
+from etendue_camera import manifest
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "etendue"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from etendue.registry import installed_stages
-from etendue.spec import camera
-from etendue.spec.stage import parameters_of, reads_of, writes_of
+from etendue.contract import quantities as camera
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of, reads_of, writes_of
 
 PACKAGE = Path(__file__).parents[2] / "src" / "etendue"
 FILES = sorted(PACKAGE.rglob("*.py"))

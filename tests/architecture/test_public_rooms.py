@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from etendue import models
-from etendue.registry import installed_stages
-from etendue.scaffolds.distribution import beginning, files
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.distribution import beginning, files
+from etendue_camera import models
 
 ROOT = Path(__file__).parents[2]
-PUBLIC = ("etendue.api", "etendue.models", "etendue.physics", "etendue.testing")
+PUBLIC = ("etendue.api", "etendue_camera.models", "etendue_camera", "etendue.testing")
 ROLES = sorted({installed_stages().load(name).role for name in installed_stages().names()})
 
 
@@ -80,4 +80,6 @@ def test_the_code_of_a_stage_that_builds_upon_another_is_that_of_both(tmp_path, 
     monkeypatch.syspath_prepend(str(tmp_path / "src"))
     from etendue_begun.stages import Begun  # type: ignore[import-not-found]
 
-    assert {"etendue_begun.stages", "etendue.stages.mosaic.demosaic", "etendue.physics.mosaic.bilinear"} <= set(code.code_of(Begun).sources)
+    assert {"etendue_begun.stages", "etendue_camera.mosaic.stages.demosaic", "etendue_camera.mosaic.bilinear"} <= set(
+        code.code_of(Begun).sources
+    )

@@ -13,7 +13,7 @@ from etendue.archive.entries import EVENTS, Entries, Entry
 from etendue.archive.journal import Read, _checked, _take, _take_own, read, summed
 from etendue.archive.layout import STATUS
 from etendue.archive.shards import Index, Place
-from etendue.spec.ports import Written
+from etendue.contract.ports import Written
 
 NUMBER = st.integers(0, 2**62)
 WRITTEN = st.builds(Written, st.sampled_from(["a/c.0", "a/c.1"]), st.integers(0, 7), st.sampled_from(["p", "q"]), NUMBER, NUMBER, NUMBER)

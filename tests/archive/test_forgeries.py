@@ -11,8 +11,8 @@ import pytest
 
 from etendue.archive.verify import sha256_of
 from etendue.session import Options, execute
-from etendue.studies.checked import NOT_CHECKED
-from etendue.studies.reproducing import reproduce
+from etendue.trust.checked import NOT_CHECKED
+from etendue.trust.reproducing import reproduce
 from tests.archive.tiny import tiny_plan
 
 ROOT = Path(__file__).parents[2]

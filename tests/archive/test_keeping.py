@@ -92,8 +92,8 @@ name = "blur"
 
 
 def test_an_alternative_that_left_the_sweep_stays_while_it_is_right(tmp_path):
+    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
     from etendue.session import load
 
     def swapped(**more):
@@ -162,8 +162,8 @@ def test_another_shape_removes_its_own_files_only(copy, place):
 @pytest.mark.parametrize("name", ["ledger", "summary", "frames", "Frames", "__zarr", "a" * 101])
 def test_a_stage_named_like_something_of_the_archive_is_refused(place, name):
     text = tiny_file(place).read_text().replace('use = "irradiance"', f'use = "irradiance"\nname = "{name}"')
+    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
     from etendue.session import load
 
     with pytest.raises(RequestError, match=r"stages\[2\].name"):
@@ -179,8 +179,8 @@ def test_a_pipeline_whose_name_is_no_folder_is_refused(place, name):
 @pytest.mark.parametrize(("sweep", "stage"), [("y", "y"), ("wavelength_bounds", "wavelength_bounds"), ("pixel_rows", "pixel_rows")])
 def test_an_axis_named_like_a_dim_is_refused(place, sweep, stage):
     text = tiny_file(place).read_text().replace('use = "irradiance"', f'use = "irradiance"\nname = "{stage}"')
+    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
     from etendue.session import load
 
     values = ["irradiance", {"use": "irradiance", "label": "again"}]
@@ -194,7 +194,7 @@ def test_an_axis_named_like_a_dim_is_refused(place, sweep, stage):
      ({"a": "..: y x [1]"}, "letters"), ({"a": "zarr.json: y x [1]"}, "letters")],
 )  # fmt: skip
 def test_a_variable_named_like_something_of_the_archive_is_no_stage(writes, why):
-    from etendue.spec.stage import Stage, writes_of
+    from etendue.contract.stage import Stage, writes_of
 
     kind = type("Broken", (Stage,), {"writes": writes})
     with pytest.raises(ValueError, match=why):

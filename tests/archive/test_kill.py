@@ -52,7 +52,7 @@ SLOWLY = (
     FINELY
     + """
 import time
-from etendue.physics.sensor import cfa
+from etendue_camera.sensor import cfa
 picked = cfa.pick
 
 def pick(*arguments):

@@ -3,9 +3,9 @@
 import xarray
 from xarray.testing import assert_identical
 
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
 from tests.run.small import run
 
 WHITE = """

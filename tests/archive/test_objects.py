@@ -23,7 +23,7 @@ from etendue.archive.differences import differences
 from etendue.archive.verify import verify
 from etendue.errors import ArchiveError, ArchiveInUse, RequestError, StoreLost
 from etendue.session import Options, execute
-from etendue.studies.repairing import repair
+from etendue.trust.repairing import repair
 from tests.archive.tiny import store_of, tiny_plan
 
 pytestmark = pytest.mark.long

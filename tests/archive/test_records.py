@@ -20,12 +20,12 @@ from etendue.archive.inputs import copy_inputs, resolve_pipeline
 from etendue.archive.naming import cell_name
 from etendue.cli import main
 from etendue.cli.options import Given
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.pipeline import toml
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, execute, simulate
-from etendue.spec import toml
-from etendue.spec.pipeline import read_pipeline
 from tests.archive.tiny import store_of, tiny_file, tiny_plan
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"

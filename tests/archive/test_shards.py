@@ -147,8 +147,8 @@ def test_a_cell_that_is_computed_again_moves_its_shard_and_says_so(whole, plan, 
 
 
 def test_a_failed_cell_has_no_chunk_in_its_shard(plan, tmp_path, monkeypatch):
-    from etendue.run import cell as cells
-    from etendue.stages.scene import charts  # noqa: F401  # loaded, so that the class can be found
+    from etendue.compute import cell as cells
+    from etendue_camera.scene.stages import charts  # noqa: F401  # loaded, so that the class can be found
 
     made = cells._made
 

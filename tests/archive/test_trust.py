@@ -23,14 +23,14 @@ from etendue.archive.differing import between
 from etendue.archive.stored import Stored
 from etendue.archive.verify import verify
 from etendue.cli import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, RequestError
+from etendue.pipeline.file import parse_pipeline, read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, execute
-from etendue.spec.pipeline import parse_pipeline, read_pipeline
-from etendue.studies import reproducing
-from etendue.studies.repairing import repair
-from etendue.studies.reproducing import reproduce
+from etendue.trust import reproducing
+from etendue.trust.repairing import repair
+from etendue.trust.reproducing import reproduce
 from tests.archive.tiny import TEXT, tiny_file, tiny_plan
 
 SERIAL = Options("serial")
@@ -338,7 +338,7 @@ def test_a_repair_that_was_broken_off_is_made_good_by_the_next(archive, whole, m
     """Between giving a cell up and computing it anew."""
     flip(archive / SHARD)
     with monkeypatch.context() as patched:
-        patched.setattr("etendue.studies.repairing.execute", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patched.setattr("etendue.trust.repairing.execute", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             repair(archive, [], SERIAL)
     assert not verify(archive).whole

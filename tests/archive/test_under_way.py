@@ -14,14 +14,14 @@ from etendue.archive.compact import aside_of
 from etendue.archive.describe import describe_archive
 from etendue.archive.in_place import compact_in_place
 from etendue.archive.verify import verify
+from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError, ArchiveInUse
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.report.looking import next_commands
+from etendue.present.terminal.looking import next_commands
 from etendue.session import Options, execute
-from etendue.spec.pipeline import read_pipeline
-from etendue.studies import reproducing
-from etendue.studies.reproducing import reproduce
+from etendue.trust import reproducing
+from etendue.trust.reproducing import reproduce
 from tests.archive.tiny import store_of, tiny_file, tiny_plan
 
 SERIAL = Options("serial")

@@ -19,8 +19,8 @@ from etendue.archive.naming import cell_label
 from etendue.archive.store import Archive
 from etendue.archive.verify import verify
 from etendue.errors import ArchiveError
-from etendue.export.command import Request, export
 from etendue.session import Options, execute
+from etendue_camera.export.command import Request, export
 from tests.archive.dying import Died, dying
 from tests.archive.tiny import tiny_plan
 
@@ -67,7 +67,7 @@ def test_of_a_finished_archive_it_is_what_plain_xarray_gives(whole):
 
 
 def test_failed_cells_are_said_to_be_so(plan, tmp_path, monkeypatch):
-    from etendue.run import cell as cells
+    from etendue.compute import cell as cells
 
     made = cells._made
 

@@ -10,10 +10,10 @@ from typing import Any
 import google_crc32c
 import numpy as np
 
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import read_pipeline
 
 TEXT = """
 name = "tiny"

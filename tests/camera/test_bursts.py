@@ -7,12 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import etendue
+from etendue.compute.random import philox
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.electronics.noise import philox
-from etendue.physics.restoration import merging
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import load
+from etendue_camera.restoration import merging
 
 pytestmark = pytest.mark.long
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import from_document
 from tests.camera.test_levels import camera
 
 CHAIN = ("diffusion", "pixel", "mosaic", "exposure", "adc", "linearise")

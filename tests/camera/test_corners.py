@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.plan.parameters import LARGEST, SMALLEST
-from etendue.registry import installed_stages
-from etendue.spec.stage import parameters_of
 
 DRIVER = Path(__file__).parents[2] / "benchmarks" / "faults" / "corners.py"
 

@@ -9,8 +9,8 @@ import xarray
 import zarr
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.errors import PluginError
-from etendue.registry import installed_stages
 
 UNIT = "W m-2 sr-1 nm-1"
 

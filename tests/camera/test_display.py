@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue import spectra
-from etendue.physics.colour import matrices
-from etendue.stages.colour.display import Decode, Display, Encode, FromCones, ToCones, ToXyz, primaries_to_cones, space_to_xyz
-from etendue.stages.colour.display_white import MEASURED, white_of
-from etendue.stages.colour.tristimulus import Balance
+from etendue_camera import spectra
+from etendue_camera.colour import matrices
+from etendue_camera.colour.stages.display import Decode, Display, Encode, FromCones, ToCones, ToXyz, primaries_to_cones, space_to_xyz
+from etendue_camera.colour.stages.display_white import MEASURED, white_of
+from etendue_camera.colour.stages.tristimulus import Balance
 
 SPACES = ("sRGB", "Adobe RGB (1998)", "ITU-R BT.2020", "Display P3", "ProPhoto RGB", *MEASURED)
 

@@ -9,13 +9,13 @@ import pytest
 import xarray as xr
 
 import etendue
-from etendue import spectra
-from etendue.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.electronics import amplifier, emva
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import load
+from etendue_camera import spectra
+from etendue_camera.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
+from etendue_camera.electronics import amplifier, emva
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 READ_OUT = ("shot_noise", "full_well", "read_noise", "adc")

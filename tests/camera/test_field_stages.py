@@ -7,8 +7,8 @@ import pytest
 
 import etendue
 from etendue.api import Bands, Facts, Grid, Line
-from etendue.physics.field.psf_bank import PsfBank
-from etendue.stages.field.blur import Distortion, LensPsfField
+from etendue_camera.field.psf_bank import PsfBank
+from etendue_camera.field.stages.blur import Distortion, LensPsfField
 
 
 def pipeline(*stages, chart="points", scene=None, **more):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import etendue
-from etendue import spectra
-from etendue.physics.colour import matrices
-from etendue.physics.colour.difference import delta_e_2000, lab
-from etendue.physics.colour.encoding import srgb_decode
-from etendue.physics.scene.composite import PATCH_COLUMNS, PATCH_ROWS, composite_regions
+from etendue_camera import spectra
+from etendue_camera.colour import matrices
+from etendue_camera.colour.difference import delta_e_2000, lab
+from etendue_camera.colour.encoding import srgb_decode
+from etendue_camera.scene.composite import PATCH_COLUMNS, PATCH_ROWS, composite_regions
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 SEEN = 3.0  # a difference that an eye sees side by side, and forgives apart

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import etendue
-from etendue.physics.electronics.noise import sensor_normal
-from etendue.run.tables import SensorRandom
-from etendue.spec.grid import Grid, Line
+from etendue.compute.random import tiled_normal
+from etendue.compute.tables import SensorRandom
+from etendue.contract.grid import Grid, Line
 
 SIDE = 384  # pixels: half of them, the hot ones, scatter a correlation by 0.0037, a fifth of what is allowed
 APART = 0.02
@@ -187,7 +187,7 @@ def test_a_pattern_of_larger_pixels_is_cut_like_any_other():
 @pytest.mark.long
 def test_patterns_are_normal_far_out_and_know_nothing_of_their_tiles():
     """16.8 million values, from -2048 on: moments and tails within 5 standard errors, at tiles' borders as inside."""
-    pattern = sensor_normal(b"1\nnormal\nprnu", -2048, -2048, 4096, 4096)
+    pattern = tiled_normal(b"1\nnormal\nprnu", -2048, -2048, 4096, 4096)
     n, values = pattern.size, pattern.astype(np.float64)
     for power, expected, spread in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
         assert abs((values**power).mean() - expected) < 5 * math.sqrt(spread / n)

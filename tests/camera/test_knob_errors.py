@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from etendue.physics.electronics.distributions import poisson_total_variation
-from etendue.physics.light import expansion, sampling
-from etendue.physics.optics import lens
-from etendue.physics.scene import dead_leaves
-from etendue.physics.sensor import crosstalk
-from etendue.registry import installed_stages
-from etendue.run.tables import coordinates_of
-from etendue.spec.facts import Facts
-from etendue.spec.grid import Bands, Grid, Line
-from etendue.stages.sensor.crosstalk import channel_kernels, tables_of
-from etendue.stages.sensor.masks import mask_of
-from etendue.stages.sensor.sensitivity import electrons_per_irradiance
-from etendue.transfers import Product
+from etendue.compute.tables import coordinates_of
+from etendue.contract.facts import Facts
+from etendue.contract.grid import Bands, Grid, Line
+from etendue.contract.registry import installed_stages
+from etendue.transfer import expansion, sampling
+from etendue.transfer.products import Product
+from etendue_camera.electronics.distributions import poisson_total_variation
+from etendue_camera.optics import lens
+from etendue_camera.scene import dead_leaves
+from etendue_camera.sensor import crosstalk
+from etendue_camera.sensor.stages.crosstalk import channel_kernels, tables_of
+from etendue_camera.sensor.stages.masks import mask_of
+from etendue_camera.sensor.stages.sensitivity import electrons_per_irradiance
 
 LOAD = installed_stages().load
 UNKNOWN = {"irradiance": Facts()}

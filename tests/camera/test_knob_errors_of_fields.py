@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import etendue
-from etendue.run.otf import Otf
-from etendue.stages.restoration.figures import System
+from etendue.compute.joined.otf import Otf
+from etendue_camera.restoration.stages.figures import System
 from tests.camera.test_knob_errors import LOAD, QE, UNKNOWN, done, light_on, scene, share, stated
 
 BANK = str(Path(etendue.__file__).parent / "data" / "examples" / "bank.npz")

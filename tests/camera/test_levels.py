@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import etendue
-from etendue import spectra
-from etendue.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
-from etendue.physics.optics import diffraction
-from etendue.physics.sensor import photodiode
+from etendue_camera import spectra
+from etendue_camera.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
+from etendue_camera.optics import diffraction
+from etendue_camera.sensor import photodiode
 
 SENSOR = ("mosaic", "exposure", "shot_noise", "full_well", "read_noise", "adc", "linearise")
 COLOUR = ("demosaic_bilinear", "white", "colour_fit", "camera_to_xyz", "balance", "display", "encode")
@@ -160,6 +160,6 @@ def test_an_edge_behind_the_pixel_is_the_fourier_integral_of_optics_diffusion_an
 
 
 def _silicon():
-    from etendue.physics.sensor import silicon
+    from etendue_camera.sensor import silicon
 
     return float(silicon.absorption(np.array(0.55))), 1.8

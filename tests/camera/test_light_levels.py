@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import etendue
-from etendue import spectra
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.field import illumination
-from etendue.physics.light import radiometry
-from etendue.physics.optics import focus
+from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import from_document
+from etendue_camera import spectra
+from etendue_camera.field import illumination
+from etendue_camera.light import radiometry
+from etendue_camera.optics import focus
 
 
 def document(*stages, scene=None, chart="uniform", wanted=None, precision="float64", **camera):

@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose
 from scipy.special import ndtr
 
 import etendue
-from etendue.physics.optics import diffraction
-from etendue.physics.optics.undershoot import LARGEST_OF_A_POINT, LARGEST_OF_A_SCENE, undershoot
-from etendue.physics.sensor import photodiode
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import load
+from etendue_camera.optics import diffraction
+from etendue_camera.optics.undershoot import LARGEST_OF_A_POINT, LARGEST_OF_A_SCENE, undershoot
+from etendue_camera.sensor import photodiode
 from tests.run.small import SWEEP, assert_same_archives, assert_same_arrays, by_labels, plan_of, run
 
 ONE_BAND = {"wavelength_from": 540, "wavelength_to": 560, "bin_width": 20}
@@ -128,7 +128,7 @@ def test_dark_light_beside_a_highlight_is_right_in_the_precision_that_the_plan_c
 @pytest.mark.parametrize("pitch", [2.7, 2.5, 1.1])
 def test_a_hard_edge_on_pixels_is_the_fourier_integral_of_optics_diffusion_and_aperture(pitch):
     """Whole and fractional numbers of cells to a pixel. Cells with a border on the edge hold it exactly."""
-    from etendue.physics.sensor import silicon
+    from etendue_camera.sensor import silicon
 
     spacing, fraction, number, count = 0.9, 0.741, 4.0, 40
     chart = {"use": "slanted_edge", "angle": 0, "low": 0.1, "high": 0.9, "softness": 0, "light": "cells", "spacing": spacing}
@@ -260,7 +260,7 @@ def test_a_uniform_scene_in_cells_is_handed_on_bit_by_bit():
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["diffraction", "lens_gaussian", "pixel"])
 def test_transfer_stages_keep_every_law_on_cells(name):
-    from etendue.spec.grid import Bands, Grid, Line
+    from etendue.contract.grid import Bands, Grid, Line
     from etendue.testing import check_stage
     from etendue.testing.bench import EDGES
 

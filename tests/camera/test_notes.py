@@ -5,9 +5,9 @@ import math
 import pytest
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import from_document
 
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import etendue
-from etendue.physics.electronics import amplifier
-from etendue.physics.mosaic import white_balance
+from etendue_camera.electronics import amplifier
+from etendue_camera.mosaic import white_balance
 
 FACTORS = np.logspace(-3, 3, 25)  # beside the time at which a diffuse white begins to clip
 LIGHT = ("irradiance", "diffraction", "diffusion", {"use": "pixel", "rows": 48, "columns": 48}, "mosaic")
@@ -118,7 +118,7 @@ def test_display_white_is_the_scenes_white_over_its_exposure_or_what_clips(rende
 
 def test_the_lowest_code_of_a_clipped_pixel_is_that_of_the_converter():
     """Against the converter itself, over wells on both sides of the top code, noise-free and four sigma down."""
-    from etendue.physics.electronics import converter
+    from etendue_camera.electronics import converter
 
     for well in np.linspace(100, 6000, 401):
         for gain, black, bits in ((1.0, 64, 12), (0.37, 0, 10), (3.3, 16.0, 14)):

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue import spectra
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import read_pipeline
-from etendue.stages.scene.patch_chart import PatchChart
+from etendue_camera import spectra
+from etendue_camera.scene.stages.patch_chart import PatchChart
 
 EDGES = tuple(range(400, 701, 50))
 ROUNDING = 1e-12  # a product of three numbers and a weight that is 1 within float64 in the middle of a patch

@@ -9,9 +9,9 @@ import pytest
 import tifffile
 from PIL import Image, ImageFile, ImageOps
 
-from etendue.physics.colour.encoding import srgb_encode
-from etendue.picture_files import MOST_PIXELS, read_picture
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
+from etendue_camera.colour.encoding import srgb_encode
+from etendue_camera.picture_files import MOST_PIXELS, read_picture
 
 SHAPE = (6, 9)
 
@@ -215,7 +215,7 @@ def test_a_photograph_of_16_bits_has_the_reflectance_that_was_written(tmp_path):
     encoded = np.round(65535 * srgb_encode(linear)).astype(np.uint16).transpose(1, 2, 0)
     path = write_png(tmp_path / "deep.png", 16, 16, 16, 2, encoded.astype(">u2").tobytes())
     stage = installed_stages().load("photograph")(file=path, white_luminance=100.0, width=16.0, height=16.0, illuminant="D65")
-    from etendue.stages.scene.photograph import _linear_photograph
+    from etendue_camera.scene.stages.photograph import _linear_photograph
 
     found, _ = _linear_photograph(path, 16, 16)
     assert np.abs(found - linear).max() < 2.4 * 0.5 / 65535

@@ -8,14 +8,14 @@ import pytest
 import xarray as xr
 
 import etendue
-from etendue.physics.light import sampling
-from etendue.physics.sensor import photodiode, silicon
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import from_document
-from etendue.stages.sensor.crosstalk import mixing_of
-from etendue.stages.sensor.pixel import Diffusion, Pixel
-from etendue.stages.sensor.sensitivity import electrons_per_irradiance
+from etendue.transfer import sampling
+from etendue_camera.sensor import photodiode, silicon
+from etendue_camera.sensor.stages.crosstalk import mixing_of
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
+from etendue_camera.sensor.stages.sensitivity import electrons_per_irradiance
 from tests.camera.test_levels import COLOUR, camera
 
 QE = {"peak_qe": (0.4, 0.5, 0.3)}

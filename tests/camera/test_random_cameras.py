@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etendue.studies.stability import camera_laws
+from etendue_lab.stability import camera_laws
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
@@ -36,7 +36,7 @@ def test_a_seed_is_a_camera_and_its_file_says_the_same(tmp_path):
 
 
 def test_the_ranges_that_are_drawn_from_are_those_declared():
-    from etendue.spec import camera
+    from etendue.contract import quantities as camera
 
     drawn = [drawn_cameras.Drawn(seed, Path()) for seed in range(300)]
     for one in drawn:

@@ -5,13 +5,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import etendue
-from etendue.export.command import raw_frame
-from etendue.export.frames import Shelf
-from etendue.physics.mosaic import shading
-from etendue.physics.sensor import cfa
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import from_document
+from etendue_camera.export.command import raw_frame
+from etendue_camera.export.frames import Shelf
+from etendue_camera.mosaic import shading
+from etendue_camera.sensor import cfa
 
 CAMERA = {"peak_qe": [0.36, 0.44, 0.40], "integration_time": "4 ms", "illuminant": "A"}
 QUIET = {"prnu": 0.0, "dark_nonuniformity": 0.0}
@@ -310,7 +310,7 @@ def test_a_sensor_without_defects_keeps_every_bit():
 
 
 def test_a_rim_that_the_correction_does_not_know_is_noted():
-    from etendue.stages.mosaic.shading import LensShading
+    from etendue_camera.mosaic.stages.shading import LensShading
 
     rim, without = {"tube": installed_stages().load("vignetting")}, {"falloff": installed_stages().load("falloff")}
     assert "rim (stage tube)" in LensShading().warn_among(rim | without)[0]

@@ -13,14 +13,14 @@ from scipy import special
 
 import etendue
 from etendue.api import Grid, Line
-from etendue.physics.colour.encoding import bt709_encode, srgb_encode
-from etendue.physics.resolution import two_points
-from etendue.physics.sensor import silicon
-from etendue.run.otf import Otf
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.resolution.analytic import FACTORS, Resolution
-from etendue.stages.resolution.edge import EVERY_FACTOR, FLAGS, EdgeProbe, _span
-from etendue.stages.sensor.pixel import Diffusion, Pixel
+from etendue.compute.joined.otf import Otf
+from etendue_camera.colour.encoding import bt709_encode, srgb_encode
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.resolution import two_points
+from etendue_camera.resolution.stages.analytic import FACTORS, Resolution
+from etendue_camera.resolution.stages.edge import EVERY_FACTOR, FLAGS, EdgeProbe, _span
+from etendue_camera.sensor import silicon
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 from tests.run.small import assert_same_bits
 
 REFERENCE = Path(__file__).parents[1] / "data" / "physics_reference.json"

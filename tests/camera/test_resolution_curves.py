@@ -10,12 +10,12 @@ from scipy import special
 from xarray.testing import assert_identical
 
 import etendue
-from etendue.physics.resolution.slanted_edge import slanted_edge
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.resolution import curves
-from etendue.stages.resolution.analytic import FACTORS
-from etendue.stages.resolution.edge import EVERY_FACTOR, FLAGS
-from etendue.stages.sensor.pixel import Diffusion
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.stages import curves
+from etendue_camera.resolution.stages.analytic import FACTORS
+from etendue_camera.resolution.stages.edge import EVERY_FACTOR, FLAGS
+from etendue_camera.sensor.stages.pixel import Diffusion
 from tests.camera.test_resolution import WHITE, document, figures, pixel
 
 NYQUIST = 32  # place of half a cycle a pixel among the frequencies

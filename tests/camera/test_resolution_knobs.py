@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from etendue.registry import installed_stages
-from etendue.run.otf import Otf, weights_of
+from etendue.compute.joined.otf import Otf, weights_of
+from etendue.contract.registry import installed_stages
 
 LOAD = installed_stages().load
 RELATIVE = ("mtf50", "mtf10", "cut_off", "rayleigh", "sparrow", "resolution_gain")
@@ -69,7 +69,7 @@ def test_the_figures_of_one_camera_in_a_hundred_may_err_by_more():
 
 def test_remembered_curves_are_those_of_a_camera_alone():
     """A camera after others of other pitches has the bits that it has alone."""
-    from etendue.run.tables import TABLES
+    from etendue.compute.tables import TABLES
 
     random, kind = np.random.default_rng(11), LOAD("resolution")
     otfs, _, _ = camera(random)

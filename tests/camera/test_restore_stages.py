@@ -14,20 +14,20 @@ from scipy.optimize import brentq
 
 import etendue
 from etendue.api import moves_light
+from etendue.compute.joined.otf import Otf
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.light import sampling
-from etendue.physics.resolution import contrast, slanted_edge
-from etendue.physics.restoration import deconvolution
+from etendue.pipeline.file import from_document
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.run.otf import Otf
-from etendue.spec.pipeline import from_document
-from etendue.stages.electronics.known_noise import KnownNoise
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.restoration.deconvolution import RichardsonLucy, Wiener
-from etendue.stages.restoration.figures import System
-from etendue.stages.restoration.sharpening import Sharpen, Unsharp
-from etendue.stages.sensor.pixel import Diffusion, Pixel
+from etendue.transfer import sampling
+from etendue_camera.electronics.stages.known_noise import KnownNoise
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.resolution import contrast, slanted_edge
+from etendue_camera.restoration import deconvolution
+from etendue_camera.restoration.stages.deconvolution import RichardsonLucy, Wiener
+from etendue_camera.restoration.stages.figures import System
+from etendue_camera.restoration.stages.sharpening import Sharpen, Unsharp
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 
 EDGES = tuple(float(e) for e in range(400, 720, 40))
 QE = (0.36, 0.44, 0.4)
@@ -81,7 +81,7 @@ def test_a_table_of_the_transfer_function_errs_less_than_it_says(kind, f_number,
 def test_a_large_frame_is_taken_in_parts_with_the_same_values(monkeypatch):
     transfers = light_of(4.0, 4.0)
     whole = Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"]
-    monkeypatch.setattr("etendue.stages.restoration.figures.BLOCK", 3000)
+    monkeypatch.setattr("etendue_camera.restoration.stages.figures.BLOCK", 3000)
     assert_array_equal(Wiener(pixel_pitch=4.0).run(picture(), transfers)["rgb_camera"], whole)
 
 

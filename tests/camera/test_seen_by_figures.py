@@ -12,15 +12,15 @@ from numpy.testing import assert_allclose
 
 import etendue
 from etendue.cli import main
-from etendue.page.document import document as page_of
-from etendue.page.opened import Opened
-from etendue.plots.holdings import Holdings
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
+from etendue.present.page.document import document as page_of
+from etendue.present.page.opened import Opened
+from etendue.present.plots.holdings import Holdings
 from etendue.session import load
-from etendue.studies.edge import ANGLE
-from etendue.studies.edge_contrast import edge_contrast
-from etendue.studies.fine_detail import fine_detail
-from etendue.studies.loss_games import Contrast
+from etendue_lab.compare.edge import ANGLE
+from etendue_lab.information.edge_contrast import edge_contrast
+from etendue_lab.information.fine_detail import fine_detail
+from etendue_lab.losses.games import Contrast
 from tests.run.small import assert_same_bits
 
 CAMERA = {

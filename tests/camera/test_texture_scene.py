@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.resolution.contrast import mtf50
-from etendue.physics.resolution.texture import texture_response
-from etendue.stages.scene.texture import DeadLeaves
+from etendue_camera.resolution.contrast import mtf50
+from etendue_camera.resolution.texture import texture_response
+from etendue_camera.scene.stages.texture import DeadLeaves
 
 CHART = {"white_luminance": 100.0, "width": 64.0, "height": 48.0, "smallest": 2.0, "largest": 20.0, "bin_width": 100.0}
 

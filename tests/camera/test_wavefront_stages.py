@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue.physics.light import sampling
-from etendue.physics.optics import diffraction, focus, imaging
-from etendue.spec.grid import Bands, Grid, Line
-from etendue.stages.field.aberrations import Aberrations
-from etendue.stages.optics.gathering import Irradiance
-from etendue.stages.optics.lens import Diffraction
-from etendue.stages.optics.wavefront import Wavefront
+from etendue.contract.grid import Bands, Grid, Line
+from etendue.transfer import sampling
+from etendue_camera.field.stages.aberrations import Aberrations
+from etendue_camera.optics import diffraction, focus, imaging
+from etendue_camera.optics.stages.gathering import Irradiance
+from etendue_camera.optics.stages.lens import Diffraction
+from etendue_camera.optics.stages.wavefront import Wavefront
 
 BANDS = np.array([450.0, 550.0, 650.0])
 FY = sampling.frequencies(40, 0.5, half=False)[:, None]

@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 import etendue
-from etendue import spectra
-from etendue.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import from_document
+from etendue_camera import spectra
+from etendue_camera.constants import LUMINOUS_EFFICACY, PLANCK, SPEED_OF_LIGHT
 
 SMALLEST = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 SENSOR = ("irradiance", "diffraction", "diffusion", "pixel", "mosaic")

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from etendue.cli import main
-from etendue.report.stored import print_archive
-from etendue.report.terminal import _out, _print_whole, short_axes
-from etendue.studies.files import finite
+from etendue.present.terminal.stored import print_archive
+from etendue.present.terminal.terminal import _out, _print_whole, short_axes
+from etendue.result_files import finite
 from tests.fresh import process
 
 SMALL = """

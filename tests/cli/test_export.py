@@ -227,7 +227,7 @@ def test_what_is_no_archive_is_said_to_be_none(run, tmp_path):
 
 
 def test_more_than_a_handful_are_written_only_when_asked_for(archive, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("etendue.export.command.MANY", 3)
+    monkeypatch.setattr("etendue_camera.export.command.MANY", 3)
     code, _, err = run(archive, "--dng")
     assert code == 2
     assert "4 files" in err and "--at f_number=2.8" in err and "--all" in err

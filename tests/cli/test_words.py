@@ -10,11 +10,11 @@ import pytest
 import etendue
 from etendue import stages as s
 from etendue.cli import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.pipeline.file import from_document, overridden, parse_pipeline, read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import from_document, overridden, parse_pipeline, read_pipeline
-from etendue.studies.axis import check_axis, parse_axis
+from etendue_lab.compare.axis import check_axis, parse_axis
 
 HEAD = """
 name = "grey"

@@ -8,13 +8,13 @@ import pytest
 
 import etendue
 from etendue import stages as s
-from etendue.composing.stages import maker
+from etendue.builder.stages import maker
+from etendue.contract.parameter import MISSING
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.errors import RequestError
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.parameter import MISSING
-from etendue.spec.pipeline import read_pipeline
-from etendue.spec.stage import parameters_of
 
 PIPELINES = sorted((Path(__file__).parents[2] / "pipelines").glob("*.toml"))
 
@@ -81,9 +81,9 @@ def test_every_installed_stage_has_its_own_signature_and_help():
 
 
 def test_a_wing_of_the_same_name_as_a_stage_stays_a_module():
-    import etendue.stages.mosaic.white as module
+    import etendue_camera.mosaic.stages.white as module
 
-    assert module.__name__ == "etendue.stages.mosaic.white"
+    assert module.__name__ == "etendue_camera.mosaic.stages.white"
     assert s.mosaic().use == "mosaic"
 
 

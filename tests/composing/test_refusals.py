@@ -10,7 +10,7 @@ import etendue
 from etendue import stages as s
 from etendue.calls import in_arguments
 from etendue.errors import ArchiveError, EtendueError, PluginError, RequestError
-from etendue.models import Irradiance
+from etendue_camera.models import Irradiance
 from tests.run.small import BARE
 
 LIGHT = {"white_luminance": "100 cd m-2", "width": "80 um", "height": "80 um"}

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import RGB, Banded, Bands, Bounded, Facts, Grid, Haloed, Line, Noisy, Sampled, Source, Stage, Transfer, param, quantity
-from etendue.physics.mosaic.bilinear import bilinear
-from etendue.physics.sensor.cfa import shifted_bayer
+from etendue_camera.mosaic.bilinear import bilinear
+from etendue_camera.sensor.cfa import shifted_bayer
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
 from etendue.testing import StageConformance
 
 TABLES = {

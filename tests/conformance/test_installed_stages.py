@@ -2,9 +2,9 @@
 
 import pytest
 
-from etendue.registry import installed_stages
-from etendue.spec.parameter import MISSING
-from etendue.spec.stage import parameters_of
+from etendue.contract.parameter import MISSING
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.testing import StageConformance
 from etendue.testing.cases import ordinary
 from etendue.testing.extreme_laws import ExtremeLaws

@@ -13,10 +13,10 @@ import pytest
 import etendue
 import etendue.api
 from etendue.cli import main
-from etendue.registry import installed_stages
-from etendue.spec import camera
-from etendue.spec.presets import preset, preset_names
-from etendue.spec.stage import parameters_of, reads_of, writes_of
+from etendue.contract import quantities as camera
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.pipeline.presets import preset, preset_names
 from tests.documents.pages import DOCS, ROOT
 
 PAGES = sorted(path for path in DOCS.rglob("*.md") if not {"made", "_build"} & set(path.relative_to(DOCS).parts))

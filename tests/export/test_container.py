@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from etendue.export import container
+from etendue_camera.export import container
 
 PLAIN = [(256, 4, 6), (257, 4, 4), (258, 3, 16), (259, 3, 1), (262, 3, 1), (277, 3, 1), (278, 4, 4)]
 

@@ -7,9 +7,9 @@ import pytest
 import tifffile
 from numpy.testing import assert_allclose
 
-from etendue.export import dng
-from etendue.physics.colour import matrices
-from etendue.physics.sensor import cfa
+from etendue_camera.colour import matrices
+from etendue_camera.export import dng
+from etendue_camera.sensor import cfa
 
 MATRIX = np.array([[0.62, 0.28, 0.05], [0.26, 0.79, -0.05], [0.01, -0.09, 1.17]])
 WHITE = np.array([0.41, 0.70, 0.52])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from etendue.export import tiff
+from etendue_camera.export import tiff
 
 
 def test_digital_numbers_stay_what_they_are(tmp_path):

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import etendue
 from etendue.cli.program import main
 from etendue.errors import RequestError
-from etendue.importing.cube import PLANCK_LIGHT, as_light, in_order, read_cube, wavelengths_of
+from etendue_camera.importing.cube import PLANCK_LIGHT, as_light, in_order, read_cube, wavelengths_of
 
 WAVE = np.array([450.0, 500.0, 550.0, 600.0])
 LIGHT = np.random.default_rng(5).uniform(0.1, 1.0, (4, 5, 6)).astype(np.float32)  # wavelength, y, x
@@ -168,7 +168,7 @@ def test_a_picture_is_told_from_a_cube_by_its_name(tmp_path):
 
 
 def test_axes_that_are_named_are_put_in_order():
-    from etendue.importing.cube import Cube
+    from etendue_camera.importing.cube import Cube
 
     moved = np.transpose(LIGHT, (1, 2, 0))
     np.testing.assert_array_equal(in_order(Cube(moved), "yxw").values, LIGHT)

@@ -8,11 +8,11 @@ import zlib
 import numpy as np
 import pytest
 
-from etendue.page.columns import KINDS
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
+from etendue.present.page.columns import KINDS
 from etendue.session import Options, execute
-from etendue.spec.pipeline import parse_pipeline
 
 HOSTILE = "</script><script>document.title='owned'</script><img src=x onerror=alert(1)>&amp;"
 PIPELINE = f"""

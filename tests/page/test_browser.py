@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.page.live import Live
-from etendue.page.report import report
-from etendue.page.server import Server
+from etendue.present.page.live import Live
+from etendue.present.page.report import report
+from etendue.present.page.server import Server
 
 pytestmark = pytest.mark.long
 CHROMIUM = os.environ.get("ETENDUE_CHROMIUM") or shutil.which("chromium") or "/usr/bin/chromium"
@@ -277,10 +277,10 @@ COLOUR = """([place, x, y]) => {  // what a map has painted at a share of one of
 
 @pytest.fixture(scope="module")
 def deep(tmp_path_factory):
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.file import parse_pipeline
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
     from etendue.session import Options, execute
-    from etendue.spec.pipeline import parse_pipeline
 
     folder = tmp_path_factory.mktemp("deep") / "deep"
     execute(make_plan(parse_pipeline(DEEP), installed_stages()), folder, Options("serial"))
@@ -418,8 +418,8 @@ HOLDER = """async ([source, html]) => {  // a notebook's part: a model with a ch
 
 
 def test_in_a_notebook_the_same_page_asks_its_kernel(browser, archive):
-    from etendue.page.html import page, static
-    from etendue.page.notebook import answer
+    from etendue.present.page.html import page, static
+    from etendue.present.page.notebook import answer
 
     live = Live(archive)
     context = browser.new_context(viewport={"width": 1200, "height": 900})

@@ -8,11 +8,11 @@ import xarray
 
 from etendue.archive.entries import Entry
 from etendue.archive.journal import Journal
-from etendue.page.document import document, start_of
-from etendue.page.looks import picture, pictured
-from etendue.page.opened import Opened
-from etendue.page.report import reported
-from etendue.page.shots import chosen, shots
+from etendue.present.page.document import document, start_of
+from etendue.present.page.looks import picture, pictured
+from etendue.present.page.opened import Opened
+from etendue.present.page.report import reported
+from etendue.present.page.shots import chosen, shots
 from tests.page.conftest import HOSTILE, unpacked
 
 

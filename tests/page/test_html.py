@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.cli import main
-from etendue.page.html import page
+from etendue.present.page.html import page
 from tests.page.conftest import HOSTILE, embedded_document
 
 

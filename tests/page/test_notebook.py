@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from etendue.page.live import Live
-from etendue.page.notebook import answer, view
+from etendue.present.page.live import Live
+from etendue.present.page.notebook import answer, view
 
 
 class Channel:

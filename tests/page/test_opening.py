@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from etendue.page.document import document, start_of
-from etendue.page.figures import Figure
-from etendue.page.opened import Axis, Opened
-from etendue.page.opening import MOST_OPEN, opening
+from etendue.present.page.document import document, start_of
+from etendue.present.page.figures import Figure
+from etendue.present.page.opened import Axis, Opened
+from etendue.present.page.opening import MOST_OPEN, opening
 
 F, T = Axis("f_number", "f_number", "f-number", "", (2.0, 4.0, 8.0)), Axis("t", "t", "time", "s", (1.0, 2.0))
 P = Axis("p", "p", "pitch", "um", (1.0, 2.0, 3.0))

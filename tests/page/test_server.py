@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import xarray
 
-from etendue.page.live import Live
-from etendue.page.server import ANSWERING, HOST, Server
+from etendue.present.page.live import Live
+from etendue.present.page.server import ANSWERING, HOST, Server
 
 AT = "f_number:1,integration_time:0"
 
@@ -145,7 +145,7 @@ def opened(archive):
 
 def test_connections_that_ask_nothing_take_no_threads_and_are_closed_in_time(server, monkeypatch):
     before = threading.active_count()
-    monkeypatch.setattr("etendue.page.server.WAITING", 40)
+    monkeypatch.setattr("etendue.present.page.server.WAITING", 40)
     held = [socket.create_connection((HOST, server.server_port)) for _ in range(60)]
     try:
         assert asked(server, f"/{server.token}/state")[0] == 200

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.quality import artefacts
+from etendue_camera.quality import artefacts
 
 
 def _lab(seed, shape=(9, 11)):

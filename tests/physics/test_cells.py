@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.light import cell_pixels, cells
-from etendue.physics.optics import lens
-from etendue.physics.optics.diffraction import airy_outside, circular_otf, cutoff_frequency, pixel_airy
-from etendue.physics.sensor import photodiode
+from etendue.transfer import cell_pixels, cells
+from etendue_camera.optics import lens
+from etendue_camera.optics.diffraction import airy_outside, circular_otf, cutoff_frequency, pixel_airy
+from etendue_camera.sensor import photodiode
 
 
 def airy(wavelength, number):

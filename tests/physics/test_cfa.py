@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import any_mask, bilinear
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import any_mask, bilinear
+from etendue_camera.sensor import cfa
 
 masks = st.sampled_from([*cfa.NAMES, "RGB/RGB", "CM/YG/CM/GY", "RGW/BRG"]).map(cfa.parse)
 firsts = st.integers(-9, 9)

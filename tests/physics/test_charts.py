@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ive
 
-from etendue.physics.scene import charts, resampling
-from etendue.physics.scene import composite as composite
-from etendue.physics.scene.charts import Drawn
+from etendue.transfer import resampling
+from etendue_camera.scene import charts, composite
+from etendue_camera.scene.charts import Drawn
 
 Y, X = (np.arange(120) - 59.5) * 0.5, (np.arange(160) - 79.5) * 0.5
 SOFT = st.one_of(st.just(0.0), st.floats(1e-6, 20.0))

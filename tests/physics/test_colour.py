@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.colour import matrices
+from etendue_camera.colour import matrices
 from tests.physics.reference import extra
 
 NAMES = {"Bradford": "bradford", "CAT02": "cat02", "VonKries_HPE_D65": "von_kries_hpe_d65"}

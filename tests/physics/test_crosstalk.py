@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.sensor import cfa, crosstalk, crosstalk_planes, photodiode, silicon
+from etendue_camera.sensor import cfa, crosstalk, crosstalk_planes, photodiode, silicon
 
 REDDISH = float(silicon.absorption(0.65))
 masks = st.sampled_from(cfa.NAMES).map(cfa.parse)

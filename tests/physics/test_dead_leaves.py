@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.resolution.texture import texture_response
-from etendue.physics.scene.dead_leaves import Leaves, dead_leaves, leaves
+from etendue_camera.resolution.texture import texture_response
+from etendue_camera.scene.dead_leaves import Leaves, dead_leaves, leaves
 
 Y = np.arange(256) - 127.5
 FIFTY = np.sqrt(np.log(2) / 2) / np.pi  # MTF50 of a Gaussian of 1 pixel rms

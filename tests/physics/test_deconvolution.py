@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.light import sampling
-from etendue.physics.resolution import restoration_gain
-from etendue.physics.restoration import deconvolution
+from etendue.transfer import sampling
+from etendue_camera.resolution import restoration_gain
+from etendue_camera.restoration import deconvolution
 from tests.physics.reference import cases, extra
 
 sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))

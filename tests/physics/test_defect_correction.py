@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import defect_correction
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import defect_correction
+from etendue_camera.sensor import cfa
 
 NAMES = ("RGGB", "GBRG", "quad-BGGR", "X-Trans", "RGBW", "RCCC", "mono", "RGB/BRG/GBR")
 QUIET = {"dark_sigma": 1e-4, "electrons": np.inf}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.sensor import defects
+from etendue_camera.sensor import defects
 
 
 def test_every_kind_has_its_share_and_no_pixel_has_two():

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import convolve1d
 
-from etendue.physics.mosaic import bilinear
-from etendue.physics.mosaic.directional import FLOOR, directional
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import bilinear
+from etendue_camera.mosaic.directional import FLOOR, directional
+from etendue_camera.sensor import cfa
 
 patterns = st.sampled_from(cfa.BAYER)
 seeds = st.integers(0, 2**32 - 1)

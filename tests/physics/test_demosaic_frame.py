@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from etendue.physics.mosaic import bilinear
-from etendue.physics.mosaic import frame as demosaic_frame
-from etendue.physics.mosaic.directional import directional
+from etendue_camera.mosaic import bilinear
+from etendue_camera.mosaic import frame as demosaic_frame
+from etendue_camera.mosaic.directional import directional
 
 METHODS = (bilinear.bilinear, bilinear.colour_difference, directional)
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import special
 
-from etendue.physics.mosaic import bilinear
-from etendue.physics.mosaic import frame as demosaic_frame
-from etendue.physics.mosaic import residual as demosaic_residual
-from etendue.physics.mosaic.directional import directional
-from etendue.physics.mosaic.residual import REACH, residual
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import bilinear
+from etendue_camera.mosaic import frame as demosaic_frame
+from etendue_camera.mosaic import residual as demosaic_residual
+from etendue_camera.mosaic.directional import directional
+from etendue_camera.mosaic.residual import REACH, residual
+from etendue_camera.sensor import cfa
 
 SMALL = [(1, 1), (1, 2), (2, 1), (1, 7), (6, 1), (2, 2), (2, 3), (3, 2), (3, 3), (5, 8), (31, 4)]
 FLIPPED_ROWS = {"RGGB": "GBRG", "GBRG": "RGGB", "BGGR": "GRBG", "GRBG": "BGGR"}

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.restoration.denoise import denoise
+from etendue_camera.restoration.denoise import denoise
 
 shapes = st.tuples(st.integers(1, 3), st.integers(1, 12), st.integers(1, 12))
 seeds = st.integers(0, 2**32 - 1)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.colour import difference
+from etendue_camera.colour import difference
 from tests.physics.reference import cases
 
 D65 = np.array([0.95047, 1.0, 1.08883])

@@ -7,7 +7,7 @@ from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 from scipy.special import roots_legendre
 
-from etendue.physics.optics.diffraction import (
+from etendue_camera.optics.diffraction import (
     AIRY_DIAMETER,
     RAYLEIGH,
     SPARROW,

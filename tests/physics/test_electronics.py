@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.electronics import amplifier
+from etendue_camera.electronics import amplifier
 
 KELVIN = st.floats(200.0, 400.0)
 

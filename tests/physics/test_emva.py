@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue.physics.electronics import emva
+from etendue_camera.electronics import emva
 
 GAIN, WELL, READ, DARK, PRNU, DSNU, BLACK = 0.25, 12_000.0, 6.0, 300.0, 0.02, 8.0, 100.0
 TIMES = np.concatenate([np.linspace(0.005, 0.07, 8), [0.08, 0.09, 0.1, 0.15, 0.2]])

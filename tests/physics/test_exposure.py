@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.constants import ELEMENTARY_CHARGE
-from etendue.physics.electronics import converter, dynamic_range
+from etendue_camera.constants import ELEMENTARY_CHARGE
+from etendue_camera.electronics import converter, dynamic_range
 from tests.physics.reference import cases
 
 electrons = st.floats(0.0, 1e9)

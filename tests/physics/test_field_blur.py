@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from etendue.physics.field import blur
-from etendue.physics.field.convolve import hats_of
-from etendue.physics.field.expansion import expansion
-from etendue.physics.field.psf_bank import PsfBank
-from etendue.physics.field.psf_kernels import Sampler
+from etendue_camera.field import blur
+from etendue_camera.field.convolve import hats_of
+from etendue_camera.field.expansion import expansion
+from etendue_camera.field.psf_bank import PsfBank
+from etendue_camera.field.psf_kernels import Sampler
 
 pytestmark = pytest.mark.long
 

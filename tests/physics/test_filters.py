@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics.filters import four_spot_otf, smooth_cut
+from etendue_camera.optics.filters import four_spot_otf, smooth_cut
 
 separations = floats(0.0, 20.0)
 

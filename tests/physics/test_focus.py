@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics.focus import (
+from etendue_camera.optics.focus import (
     blur_diameter,
     defocus_mm,
     depth_of_field,

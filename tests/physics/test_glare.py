@@ -7,7 +7,7 @@ from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 from scipy.special import j0
 
-from etendue.physics.optics.glare import glare_otf, tail_otf, tail_psf, tail_within
+from etendue_camera.optics.glare import glare_otf, tail_otf, tail_psf, tail_within
 
 powers = floats(2.05, 10.0)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
-from etendue.physics.field.illumination import chief_ray_angle, cosine_response, overlap_of_discs, table_at, vignetting
+from etendue_camera.field.illumination import chief_ray_angle, cosine_response, overlap_of_discs, table_at, vignetting
 
 radii = floats(-3.0, 4.0)  # decades
 CHORDS = (lambda nodes, weights: (0.5 * (nodes + 1), weights))(*np.polynomial.legendre.leggauss(400))  # on [0, 1], weights twice

@@ -8,9 +8,9 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.physics.colour import noise_propagation
-from etendue.physics.resolution import information as inf
-from etendue.physics.resolution import noise_power as nps
+from etendue_camera.colour import noise_propagation
+from etendue_camera.resolution import information as inf
+from etendue_camera.resolution import noise_power as nps
 
 SQUARE = inf.nyquist_square()
 FY, FX = SQUARE.fy[:, None], SQUARE.fx

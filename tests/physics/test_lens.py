@@ -6,14 +6,8 @@ from hypothesis import given
 from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics.diffraction import airy_psf_density, circular_otf
-from etendue.physics.optics.lens import (
-    gaussian_otf,
-    gaussian_sigma_from_fwhm,
-    mean_square_radius,
-    psf_image_otf,
-    radial_psf_otf,
-)
+from etendue_camera.optics.diffraction import airy_psf_density, circular_otf
+from etendue_camera.optics.lens import gaussian_otf, gaussian_sigma_from_fwhm, mean_square_radius, psf_image_otf, radial_psf_otf
 
 
 def gaussian_table(sigma, count, reach=8.0):

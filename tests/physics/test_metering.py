@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.electronics import dynamic_range, metering
+from etendue_camera.electronics import dynamic_range, metering
 
 
 def test_exposure_value_is_zero_at_f1_and_one_second_and_15_on_a_sunny_day():

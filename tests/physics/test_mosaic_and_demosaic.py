@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import bilinear
-from etendue.physics.mosaic.directional import directional
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import bilinear
+from etendue_camera.mosaic.directional import directional
+from etendue_camera.sensor import cfa
 from tests.physics.reference import extra
 
 METHODS = (bilinear.nearest, bilinear.bilinear, bilinear.colour_difference, directional)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import special
 
-from etendue.physics.electronics import distributions, noise
+from etendue.compute import random
+from etendue_camera.electronics import distributions, noise
 from tests.physics.reference import cases
 
 
@@ -91,7 +92,7 @@ def test_the_normal_form_keeps_the_skewness_of_poisson(mean):
 
 
 def test_uniforms_of_a_sensor_are_uniform_and_a_window_is_the_crop():
-    whole = noise.sensor_uniform(b"sensor", -10, 5, 200, 150)
+    whole = random.tiled_uniform(b"sensor", -10, 5, 200, 150)
     assert whole.dtype == np.float64
     assert whole.min() >= 0
     assert whole.max() < 1
@@ -99,7 +100,7 @@ def test_uniforms_of_a_sensor_are_uniform_and_a_window_is_the_crop():
         # 5 standard errors of a mean and of a variance of 30 000 uniforms
         assert abs(value.mean() - 0.5) < 5 / math.sqrt(12 * whole.size)
         assert abs(value.var() - 1 / 12) < 5 / math.sqrt(180 * whole.size)
-    assert_array_equal(noise.sensor_uniform(b"sensor", 60, 40, 30, 77), whole[70:100, 35:112])
+    assert_array_equal(random.tiled_uniform(b"sensor", 60, 40, 30, 77), whole[70:100, 35:112])
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -228,19 +229,19 @@ def test_evenly_spread_uniforms_give_the_poisson_law(mean):
 
 
 def test_a_name_is_a_stream():
-    first, again, other = (noise.philox(w).random(4) for w in (b"seed 1", b"seed 1", b"seed 2"))
+    first, again, other = (random.philox(w).random(4) for w in (b"seed 1", b"seed 1", b"seed 2"))
     assert_array_equal(first, again)
     assert not np.any(first == other)
 
 
 @pytest.mark.parametrize("used", [0, 1, 3, 4, 5])
 def test_a_renamed_generator_draws_what_a_new_one_does(used):
-    generator = noise.philox(b"seed 1")
+    generator = random.philox(b"seed 1")
     generator.random(used, dtype=np.float32)  # odd numbers leave half a word behind, others a part of a block
-    again = noise.renamed(generator, b"seed 2")
+    again = random.renamed(generator, b"seed 2")
     for draw in (lambda rng: rng.random(7, dtype=np.float32), lambda rng: rng.standard_normal(9), lambda rng: rng.poisson(40.0, 11)):
-        fresh = noise.philox(b"seed 2")
-        assert_array_equal(draw(noise.renamed(again, b"seed 2")), draw(fresh))
+        fresh = random.philox(b"seed 2")
+        assert_array_equal(draw(random.renamed(again, b"seed 2")), draw(fresh))
         assert again.bit_generator.state["buffer_pos"] == fresh.bit_generator.state["buffer_pos"]
 
 
@@ -255,15 +256,15 @@ def test_a_renamed_generator_draws_what_a_new_one_does(used):
 def test_a_window_equals_the_crop_of_the_sensor(top, left, rows, columns, dtype):
     margin = 70
     larger = (top - margin, left - margin, rows + 2 * margin, columns + 2 * margin)
-    whole = noise.sensor_normal(b"dsnu", *larger, dtype)
-    window = noise.sensor_normal(b"dsnu", top, left, rows, columns, dtype)
+    whole = random.tiled_normal(b"dsnu", *larger, dtype)
+    window = random.tiled_normal(b"dsnu", top, left, rows, columns, dtype)
     assert window.dtype == dtype
     assert_array_equal(window, whole[margin : margin + rows, margin : margin + columns])
-    assert_array_equal(window, noise.sensor_normal(b"dsnu", top, left, rows, columns))  # whatever holds it
+    assert_array_equal(window, random.tiled_normal(b"dsnu", top, left, rows, columns))  # whatever holds it
 
 
 def test_sensor_patterns_are_standard_normal_and_differ_by_name_and_tile():
-    pattern = noise.sensor_normal(b"prnu", -256, 0, 512, 512)
+    pattern = random.tiled_normal(b"prnu", -256, 0, 512, 512)
     n = pattern.size
     # 5 standard errors of mean, variance, skewness and kurtosis
     assert abs(pattern.mean(dtype=float)) < 5 / math.sqrt(n)
@@ -272,10 +273,10 @@ def test_sensor_patterns_are_standard_normal_and_differ_by_name_and_tile():
     assert abs((pattern.astype(float) ** 4).mean() - 3) < 5 * math.sqrt(96 / n)
     tiles = pattern.reshape(8, 64, 8, 64).swapaxes(1, 2).reshape(64, -1)
     assert np.all(np.abs(np.corrcoef(tiles) - np.eye(64)) < 5.5 / 64)  # 1/sqrt(4096) each, 2016 pairs
-    other = noise.sensor_normal(b"dsnu", -256, 0, 512, 512)
+    other = random.tiled_normal(b"dsnu", -256, 0, 512, 512)
     assert abs(np.corrcoef(pattern.ravel(), other.ravel())[0, 1]) < 5 / math.sqrt(n)
     with pytest.raises(ValueError, match="window"):
-        noise.sensor_normal(b"dsnu", 0, 0, -1, 4)
+        random.tiled_normal(b"dsnu", 0, 0, -1, 4)
 
 
 @pytest.mark.parametrize("rms", [0.0, 1e-9, 0.05, 0.1 - 1e-12, 0.1, 0.2, 0.5, 1.0])

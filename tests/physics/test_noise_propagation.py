@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.colour.noise_propagation import (
+from etendue_camera.colour.noise_propagation import (
     carried_covariance,
     correlation,
     found_covariance,
     standard_error_of_variance,
     without_trend,
 )
-from etendue.physics.mosaic import bilinear
-from etendue.physics.restoration import sharpening
+from etendue_camera.mosaic import bilinear
+from etendue_camera.restoration import sharpening
 
 PLACES = ((0, 0), (0, 1), (1, 0), (1, 1))
 

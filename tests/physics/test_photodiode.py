@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis.strategies import floats, sampled_from
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics.diffraction import circular_otf
-from etendue.physics.sensor import silicon
-from etendue.physics.sensor.photodiode import aperture_otf, collection, collection_mtf, collection_mtf_bands, collection_per_absorption
+from etendue_camera.optics.diffraction import circular_otf
+from etendue_camera.sensor import silicon
+from etendue_camera.sensor.photodiode import aperture_otf, collection, collection_mtf, collection_mtf_bands, collection_per_absorption
 from tests.physics.reference import cases
 
 DIODE = ("alpha_per_um", "Ld_um", "L_um", "Ln_um")

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import uniform_filter
 from scipy.special import ive, ndtr
 
-from etendue.physics.quality.chart_patches import chart_patches, homography, turning
-from etendue.physics.quality.patch_noise import patch_noise
-from etendue.physics.resolution.edge_shape import edge_shape
-from etendue.physics.resolution.star_interval import count_cycles, star_resolution
+from etendue_camera.quality.chart_patches import chart_patches, homography, turning
+from etendue_camera.quality.patch_noise import patch_noise
+from etendue_camera.resolution.edge_shape import edge_shape
+from etendue_camera.resolution.star_interval import count_cycles, star_resolution
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 

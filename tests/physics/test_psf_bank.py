@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from etendue.physics.field.psf_bank import PsfBank
-from etendue.physics.field.psf_kernels import Sampler
+from etendue_camera.field.psf_bank import PsfBank
+from etendue_camera.field.psf_kernels import Sampler
 
 SPACING = 0.5
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics import annulus, diffraction, imaging, pupil
-from etendue.physics.optics.pupil import Aperture, PolygonOtf, amplitude, cell_centres, cell_edges, disc_cover, polygon, polygon_cover
+from etendue_camera.optics import annulus, diffraction, imaging, pupil
+from etendue_camera.optics.pupil import Aperture, PolygonOtf, amplitude, cell_centres, cell_edges, disc_cover, polygon, polygon_cover
 
 WAVELENGTH, F_NUMBER = 0.55, 2.8
 PENTAGON = PolygonOtf(5)

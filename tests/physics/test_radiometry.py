@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
-from etendue.constants import PLANCK, SPEED_OF_LIGHT
-from etendue.physics.light.planck import planck_photon_radiance, planck_ratio
-from etendue.physics.light.radiometry import (
+from etendue_camera.constants import PLANCK, SPEED_OF_LIGHT
+from etendue_camera.light.planck import planck_photon_radiance, planck_ratio
+from etendue_camera.light.radiometry import (
     aplanatic_factor,
     cos4,
     disc_factor,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from etendue.physics import require
+from etendue import require
 
 
 @pytest.mark.parametrize(

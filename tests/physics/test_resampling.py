@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.physics.scene import resampling
+from etendue.transfer import resampling
 
 sizes = st.integers(1, 40)
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.special import erfc, sici
 
-from etendue.physics.optics import diffraction
-from etendue.physics.resolution import contrast
+from etendue_camera.optics import diffraction
+from etendue_camera.resolution import contrast
 
 widths = st.floats(0.2, 12.0)
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import ndimage, optimize
 
-from etendue.physics.resolution import restoration_gain
-from etendue.physics.restoration import sharpening
+from etendue_camera.resolution import restoration_gain
+from etendue_camera.restoration import sharpening
 from tests.physics.reference import cases
 
 strengths = st.floats(0, 4)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue.physics.colour.difference import delta_e_2000
-from etendue.physics.optics.diffraction import pixel_airy
-from etendue.physics.sensor.photodiode import collection, collection_mtf, collection_per_absorption
+from etendue_camera.colour.difference import delta_e_2000
+from etendue_camera.optics.diffraction import pixel_airy
+from etendue_camera.sensor.photodiode import collection, collection_mtf, collection_per_absorption
 
 WEAK = [  # absorption 1/um, f cycles/um, depletion, depth, diffusion length um, back, D(f)/D(0)
     (5e-324, 0.0015143994690342889, 0.0032796701805010535, 0.9556331642016497, 0.8508120356077739, "absorbing", 0.9999940494330202181),

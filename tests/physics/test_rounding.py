@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.physics.electronics.rounding import lasting_error
+from etendue_camera.electronics.rounding import lasting_error
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.1, 0.2, 0.4])

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.light import sampling, scene_spectrum
+from etendue.transfer import rings as scene_spectrum
+from etendue.transfer import sampling
 
 SIZES = st.tuples(st.integers(5, 70), st.integers(5, 70))
 

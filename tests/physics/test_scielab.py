@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.colour import difference
-from etendue.physics.quality import scielab
+from etendue_camera.colour import difference
+from etendue_camera.quality import scielab
 
 WHITE = np.array([0.95047, 1.0, 1.08883])
 PLAIN = {"76": lambda one, other: np.sqrt(((one - other) ** 2).sum(axis=0)), "2000": difference.delta_e_2000}

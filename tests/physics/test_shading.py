@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from etendue.physics.mosaic import shading
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import shading
+from etendue_camera.sensor import cfa
 
 PLACES = np.linspace(-4.0, 4.0, 161)  # mm: a window about the axis, which stands on its middle pixel
 

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import ive
 
-from etendue.physics.resolution.siemens import star_response
-from etendue.physics.scene import charts
-from etendue.physics.scene.charts import Drawn
+from etendue_camera.resolution.siemens import star_response
+from etendue_camera.scene import charts
+from etendue_camera.scene.charts import Drawn
 
 CENTRE = (150.3, 154.8)
 FIFTY = np.sqrt(np.log(2) / 2) / np.pi  # MTF50 of a Gaussian of 1 pixel rms

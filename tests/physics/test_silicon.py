@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis.strategies import floats
 from numpy.testing import assert_allclose
 
-from etendue.physics.sensor.silicon import absorption
+from etendue_camera.sensor.silicon import absorption
 
 # Green 2008 as alpha = 4 pi k / lambda, worked out separately and rounded to two to four digits
 PUBLISHED = {

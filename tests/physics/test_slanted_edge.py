@@ -7,8 +7,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from etendue.physics.resolution.edge_bins import binned
-from etendue.physics.resolution.slanted_edge import slanted_edge
+from etendue_camera.resolution.edge_bins import binned
+from etendue_camera.resolution.slanted_edge import slanted_edge
 
 FINE, PERIOD = 32, 8192
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.colour import encoding
+from etendue_camera.colour import encoding
 from tests.physics.reference import cases
 
 PAIRS = [(encoding.srgb_encode, encoding.srgb_decode), (encoding.bt709_encode, encoding.bt709_decode)]

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics import diffraction
-from etendue.physics.resolution.two_points import (
+from etendue_camera.optics import diffraction
+from etendue_camera.resolution.two_points import (
     RAYLEIGH_SADDLE,
     rayleigh_separation,
     separations,

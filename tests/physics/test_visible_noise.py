@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.quality.visible_noise import cieluv, visible_noise
+from etendue_camera.quality.visible_noise import cieluv, visible_noise
 
 WHITE = np.array([0.95047, 1.0, 1.08883])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from etendue.physics.field import warp
-from etendue.physics.field.warp import Distortion
+from etendue_camera.field import warp
+from etendue_camera.field.warp import Distortion
 
 BARREL = Distortion((-0.0648, 0.00596, -0.00047), 1000.0)  # a small asphere: -6.2 % at 1.02 mm
 PINCUSHION = Distortion((0.05, 0.01, 0.0), 2000.0, lateral_colour=0.002)

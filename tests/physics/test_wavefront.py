@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis.strategies import floats, integers
 from numpy.testing import assert_allclose
 
-from etendue.physics.optics import pupil, wavefront
-from etendue.physics.optics.wavefront import (
+from etendue_camera.optics import pupil, wavefront
+from etendue_camera.optics.wavefront import (
     Seidel,
     ansi_order,
     defocus,

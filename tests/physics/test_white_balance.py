@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import white_balance
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import white_balance
+from etendue_camera.sensor import cfa
 
 NAMES = ("RGGB", "GBRG", "quad-BGGR", "X-Trans", "RGBW", "RCCC", "mono", "RGB/BRG/GBR")
 ROUNDING = 4e-16  # of one product and one quotient in double precision

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import windows
+from etendue_camera.mosaic import windows
 
 sizes = {windows.three: 3, windows.five: 5, windows.nine: 9}
 

@@ -1,8 +1,8 @@
 """Small pipelines the planning tests share. Nothing in them is ever computed unless a test says so."""
 
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
 
 CAMERA = """
 [camera]

@@ -8,14 +8,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 import etendue
+from etendue.contract.parameter import MISSING
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import from_document
-from etendue.spec.parameter import MISSING
-from etendue.spec.stage import parameters_of
-from etendue.stages.colour.display import Display, ToXyz
-from etendue.stages.colour.display_white import MEASURED, white_of
-from etendue.stages.colour.tristimulus import Balance
+from etendue_camera.colour.stages.display import Display, ToXyz
+from etendue_camera.colour.stages.display_white import MEASURED, white_of
+from etendue_camera.colour.stages.tristimulus import Balance
 
 DIFFER = {
     "angle": "of a chart's edge, and of the line along which a curve is taken",

@@ -3,11 +3,11 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.plan.approximate import choose
 from etendue.plan.cost import knobs_cost
 from etendue.plan.planner import summary
-from etendue.registry import installed_stages
-from etendue.spec.stage import parameters_of
 from tests.plan.given import CAMERA, SCENE, SENSOR, plan_of
 
 RESOLUTION = installed_stages().load("resolution")

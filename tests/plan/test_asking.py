@@ -11,15 +11,15 @@ from typing import Any, ClassVar
 import pytest
 
 from etendue.api import Bands, Bounded, Facts, Grid, Line, Noisy, Source, Stage, hookimpl, param, quantity
-from etendue.discovery import Discovery
+from etendue.contract.capabilities import check_class
+from etendue.contract.found import Found
+from etendue.contract.registry import Registry
 from etendue.errors import PluginError, RequestError
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan import asking
 from etendue.plan.approximate import choose
 from etendue.plan.planner import make_plan
-from etendue.registry import Registry
-from etendue.spec.capabilities import check_class
-from etendue.spec.found import Found
-from etendue.spec.pipeline import parse_pipeline
+from etendue.plugins.discovery import Discovery
 from tests.distributions import distribution
 
 LIGHT = "wavelength y x [W m-2 nm-1]"
@@ -182,7 +182,7 @@ def test_what_a_hook_raises_is_the_fault_of_its_distribution(monkeypatch):
     module.__getattr__ = raises
     monkeypatch.setitem(sys.modules, "bad_light", module)
     registry = given(filter="bad_light:Filter")
-    monkeypatch.setattr("etendue.discovery.is_ours", lambda error: False)
+    monkeypatch.setattr("etendue.plugins.discovery.is_ours", lambda error: False)
     with pytest.raises(PluginError, match=r"'filter' of bad-light 1.0 cannot be loaded: KeyboardInterrupt"):
         registry.load("filter")
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
 from etendue.plan.planner import summary
-from etendue.registry import installed_stages
 from tests.fresh import process
 from tests.plan.given import CAMERA, SCENE, SENSOR, chain, keys_of, plan_of
 
@@ -108,8 +108,9 @@ def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
     """Wanting raw needs neither the module of the colour stages, which are not in the file, nor colour-science where the scene is known."""
     (tmp_path / "file.toml").write_text(CAMERA + SCENE.format(scene="uniform") + SENSOR)
     script = (
-        "import sys; from pathlib import Path; from etendue.plan.planner import make_plan; from etendue.registry import installed_stages;"
-        "from etendue.spec.pipeline import read_pipeline; make_plan(read_pipeline(Path('file.toml')), installed_stages());"
+        "import sys; from pathlib import Path; from etendue.plan.planner import make_plan;"
+        "from etendue.contract.registry import installed_stages;"
+        "from etendue.pipeline.file import read_pipeline; make_plan(read_pipeline(Path('file.toml')), installed_stages());"
         "print(*sorted(m for m in sys.modules if 'stages' in m), 'colour' in sys.modules)"
     )
     cache = os.environ | {"ETENDUE_CACHE": str(tmp_path / "cache")}

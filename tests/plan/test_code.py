@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from etendue.contract.capabilities import is_random, is_transfer
+from etendue.contract.registry import installed_stages
 from etendue.plan import code as code_of
 from etendue.plan import distributions, sources
 from etendue.plan.engine import ENGINE, MOVES, RANDOM_KERNELS, TRANSFER_KERNELS, only_moves
-from etendue.registry import installed_stages
-from etendue.spec.capabilities import is_random, is_transfer
 
 BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
 
@@ -138,14 +138,26 @@ def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
         path = sources.PACKAGE.parent / Path(*module.removesuffix(".*").split("."))
         assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), module
     assert all(len(reason) > 5 for reason in MOVES.values())
-    for module in ("etendue.archive.store", "etendue.cli", "etendue.plan.graph", "etendue.report.tables", "etendue.spec.roles"):
+    for module in (
+        "etendue.archive.store",
+        "etendue.cli",
+        "etendue.plan.graph",
+        "etendue.present.terminal.tables",
+        "etendue.contract.roles",
+    ):
         assert only_moves(module)
-    for module in ("etendue.plan.strips", "etendue.run.tables", "etendue.spec.units", "etendue.physics.light.sampling", "etendue.effects"):
+    for module in (
+        "etendue.compute.rows",
+        "etendue.compute.tables",
+        "etendue.contract.units",
+        "etendue.transfer.sampling",
+        "etendue.transfer.effects",
+    ):
         assert not only_moves(module)
 
 
 def test_no_import_of_what_a_built_in_stage_reaches_is_hidden():
-    """`etendue.api` and `etendue.models` import what is asked for: what is taken out of them is followed by its name."""
+    """`etendue.api` and `etendue_camera.models` import what is asked for: what is taken out of them is followed by its name."""
     for name in BUILT_IN:
         for module in code_of.code_of(installed_stages().load(name)).sources:
             file = code_of._own_file(module) if module.startswith("etendue.") else None
@@ -195,6 +207,6 @@ def test_what_a_scene_was_found_to_hold_is_kept_under_the_code_that_has_found_it
         with pytest.MonkeyPatch.context() as patch, edited_files(package / edited):
             patch.setattr(sources, "PACKAGE", package)
             forget()
-            found.append(code_of.code_at("etendue.scenes"))
+            found.append(code_of.code_at("etendue.transfer.contents"))
     forget()
-    assert len(set(found)) == 4 and found[-1] == code_of.code_at("etendue.scenes")
+    assert len(set(found)) == 4 and found[-1] == code_of.code_at("etendue.transfer.contents")

@@ -145,7 +145,7 @@ def test_a_stage_on_labels_depends_on_xarray(imported):
     (root / f"p{n}" / "kernel.py").write_text("from etendue.api import labelled\nVALUE = 1.0\n")
     now(kind)
     assert code_of.libraries_of(kind) == {"xarray"}
-    assert "etendue.labelled" in code_of.code_of(kind).sources
+    assert "etendue.contract.labelled" in code_of.code_of(kind).sources
 
 
 def test_a_module_of_another_python_and_one_in_an_archive_count_as_they_are(imported, tmp_path, monkeypatch):

@@ -9,16 +9,16 @@ import pytest
 
 import etendue
 from etendue.api import Bounded, Facts, Source, Stage, Transfer, ends, hookimpl, quantity
-from etendue.discovery import Discovery
+from etendue.compute.cell import compute
+from etendue.compute.jobs import make_jobs
+from etendue.compute.joined.segments import Result
+from etendue.contract.found import Found, NotKnown
+from etendue.contract.grid import Bands, Grid, Line
+from etendue.contract.registry import Registry
 from etendue.errors import RequestError
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan, summary
-from etendue.registry import Registry
-from etendue.run.cell import compute
-from etendue.run.jobs import make_jobs
-from etendue.run.segments import Result
-from etendue.spec.found import Found, NotKnown
-from etendue.spec.grid import Bands, Grid, Line
-from etendue.spec.pipeline import parse_pipeline
+from etendue.plugins.discovery import Discovery
 from tests.distributions import distribution
 
 LIGHT = "wavelength y x [W m-2 nm-1]"

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import etendue
+from etendue.contract.grid import Grid, Labels, Line
+from etendue.contract.parameter import MISSING
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of, quantities_of
 from etendue.plan import binding, cells, cost, forms, keys, recipes
-from etendue.registry import installed_stages
-from etendue.spec.grid import Grid, Labels, Line
-from etendue.spec.parameter import MISSING
-from etendue.spec.stage import parameters_of, quantities_of
 from tests.plan.given import CAMERA, SCENE, chain, changed, keys_of, plan_of
 
 BEHIND_PIXEL = {"pixel", "mosaic", "exposure", "shot_noise", "adc", "linearise", "demosaic", "sharpen"}

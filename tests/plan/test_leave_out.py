@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import etendue
+from etendue.contract.stage import parameters_of
 from etendue.plan.planner import summary
 from etendue.session import Options, collect
-from etendue.spec.stage import parameters_of
 from tests.plan.given import CAMERA, SCENE, SENSOR, chain, keys_of, plan_of
 
 NO_FALLOFF = SENSOR.replace('[[stages]]\nuse = "falloff"\n', "")

@@ -6,13 +6,13 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.cli.program import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import MachineError
+from etendue.pipeline.file import read_pipeline
 from etendue.plan import machine
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.run import machine as fitting
 from etendue.run.peak_memory import peak_memory
-from etendue.spec.pipeline import read_pipeline
 
 PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 CELL, SWEEP = "a wider spacing of the scene, a wider bin_width, a smaller window", "20 values; shorten 'keep' or the sweep"

@@ -2,9 +2,9 @@
 
 import pytest
 
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
 from tests.plan.given import SCENE, SENSOR
 
 CAMERA = """

@@ -7,13 +7,13 @@ import pytest
 import xarray
 
 from etendue.archive.inputs import resolve_pipeline
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.pipeline.file import parse_pipeline
+from etendue.pipeline.presets import preset
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
-from etendue.spec.presets import preset
-from etendue.studies.axis import without_sweep
-from etendue.studies.edge import pitches_of
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.edge import pitches_of
 from tests.run.small import run
 
 TEXT = (Path(__file__).parents[2] / "pipelines" / "sensors.toml").read_text()

@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.cli import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
 
 PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etendue.contract.parameter import Parameter
+from etendue.contract.units import UnitError, parse_unit, same_unit, to_unit
 from etendue.plan.parameters import Unfit, axis_values, resolve
-from etendue.spec.parameter import Parameter
-from etendue.spec.units import UnitError, parse_unit, same_unit, to_unit
 
 HERE = Path()
 ANY = Parameter()

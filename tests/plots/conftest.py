@@ -72,13 +72,13 @@ def archive(tmp_path_factory):
 @pytest.fixture(scope="session")
 def tree(archive):
     """Read once; who changes something of it copies it first."""
-    from etendue.plots.opening import opened
+    from etendue.present.plots.opening import opened
 
     return opened(archive).load()
 
 
 @pytest.fixture(scope="session")
 def holdings(tree):
-    from etendue.plots.holdings import Holdings
+    from etendue.present.plots.holdings import Holdings
 
     return Holdings(tree)

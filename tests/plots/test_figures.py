@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from etendue.errors import RequestError
-from etendue.plots.arrangement import Dim, arranged
-from etendue.plots.budget import by_stage
-from etendue.plots.curves import curves
-from etendue.plots.holdings import Holdings
-from etendue.plots.kinds import KINDS, Asked, draw, kind_of, listed
-from etendue.plots.labels import number_text, unit_text, value_text
-from etendue.plots.maps import factor_map, figure_map
-from etendue.plots.pareto import front, pareto
+from etendue.present.plots.arrangement import Dim, arranged
+from etendue.present.plots.budget import by_stage
+from etendue.present.plots.curves import curves
+from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.kinds import KINDS, Asked, draw, kind_of, listed
+from etendue.present.plots.labels import number_text, unit_text, value_text
+from etendue.present.plots.maps import factor_map, figure_map
+from etendue.present.plots.pareto import front, pareto
 
 
 def texts(axes):

@@ -11,12 +11,12 @@ import pytest
 import xarray
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.errors import ArchiveError
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.plots.glance import Figure, glance
-from etendue.registry import installed_stages
+from etendue.present.plots.glance import Figure, glance
 from etendue.session import Options, execute
-from etendue.spec.pipeline import parse_pipeline
 from tests.plots.conftest import PIPELINE
 
 SMALL = """

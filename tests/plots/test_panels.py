@@ -5,8 +5,8 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from etendue.plots.panels import FACTOR_COLOURS, Sides, map_of_names, map_of_numbers
-from etendue.plots.plot import Plot
+from etendue.present.plots.panels import FACTOR_COLOURS, Sides, map_of_names, map_of_numbers
+from etendue.present.plots.plot import Plot
 
 SIDES = Sides(x=[1.4, 2.8, 5.6], y=[1.0, 2.0], panels=["lens", "pixel"], x_name="f-number", y_name="pitch")
 

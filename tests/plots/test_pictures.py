@@ -8,13 +8,13 @@ from PIL import Image
 
 import etendue
 from etendue.cli import main
+from etendue.contract.drawn import Drawn
+from etendue.contract.grid import Grid, Line
 from etendue.errors import RequestError
-from etendue.plots import engine, pictures
-from etendue.plots.strip import show_array, strip
-from etendue.report import contact_sheet, details, small_maps
-from etendue.report.appearance import HATCH, appearance
-from etendue.spec.drawn import Drawn
-from etendue.spec.grid import Grid, Line
+from etendue.present.pictures import contact_sheet, details, small_maps
+from etendue.present.pictures.appearance import HATCH, appearance
+from etendue.present.plots import engine, pictures
+from etendue.present.plots.strip import show_array, strip
 
 AT = {"f_number": 2, "pixel_pitch": 3, "integration_time": "8 ms"}
 
@@ -233,8 +233,8 @@ def test_maps_on_the_sheet_have_every_number_in_its_place_and_are_drawn_anew_bel
 
 
 def test_a_sweep_that_grows_has_its_new_cells_on_the_sheet(tmp_path):
+    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
     from etendue.session import Options, execute, from_document
 
     def ran(values):
@@ -258,7 +258,7 @@ def test_a_sweep_that_grows_has_its_new_cells_on_the_sheet(tmp_path):
 @pytest.mark.parametrize("how", ["mosaic", "planes", "encoded"])
 def test_rows_kept_of_a_large_picture_are_the_same_when_it_comes_row_by_row(how):
     """And those of the array itself, in its colours."""
-    from etendue.report import thumbnails
+    from etendue.present.pictures import thumbnails
 
     drawn = Drawn("encoded" if how == "encoded" else "linear", pattern="RGGB" if how == "mosaic" else "")
     dims = ("y", "x") if how == "mosaic" else ("channel", "y", "x")

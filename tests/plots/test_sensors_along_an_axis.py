@@ -7,11 +7,11 @@ import pytest
 
 import etendue
 from etendue.errors import RequestError
-from etendue.page.opened import Opened
-from etendue.plots.holdings import Holdings
-from etendue.plots.kinds import Asked, draw, listed
-from etendue.plots.opening import opened
-from etendue.plots.places import read_at
+from etendue.present.page.opened import Opened
+from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.kinds import Asked, draw, listed
+from etendue.present.plots.opening import opened
+from etendue.present.plots.places import read_at
 
 SENSORS = ["sony-imx363", "sony-imx174", "paper-ccd"]  # neither the order of their names nor that of the sizes of their pictures
 PIPELINE = """

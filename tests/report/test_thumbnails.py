@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from etendue.physics.scene.resampling import area_weights
-from etendue.physics.sensor import cfa
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.report import details, pictures, thumbnails
-from etendue.report.fitting import as_float, fitted, tinted
-from etendue.report.thumbnails import Thumbnail
+from etendue.present.pictures import details, pictures, thumbnails
+from etendue.present.pictures.fitting import as_float, fitted, tinted
+from etendue.present.pictures.thumbnails import Thumbnail
 from etendue.session import Options, execute, from_document
+from etendue.transfer.resampling import area_weights
+from etendue_camera.sensor import cfa
 
 # float32 sums of a few hundred values in [0, 1], in another order
 ROUNDING = 2e-6

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from etendue.report.appearance import appearance
-from etendue.spec.drawn import Drawn
-from etendue.spec.variables import Variable
+from etendue.contract.drawn import Drawn
+from etendue.contract.variables import Variable
+from etendue.present.pictures.appearance import appearance
 
 PLANE = np.array([[1.0, 10.0, 100.0], [np.nan, np.inf, 0.0]])
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import xarray
 
+from etendue.contract.registry import installed_stages
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, Outcome, execute, load
 from tests.fresh import process
 

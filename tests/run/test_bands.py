@@ -7,8 +7,8 @@ import etendue
 from etendue.archive import pieces
 from etendue.archive.reading import open_archive
 from etendue.errors import RequestError
-from etendue.physics.light import expansion, sampling
 from etendue.plan import cost
+from etendue.transfer import expansion, sampling
 
 
 def camera(**pixel):

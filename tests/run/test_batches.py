@@ -9,15 +9,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from etendue.compute.job import Job
+from etendue.compute.joined.segments import Result
+from etendue.contract.grid import Grid
+from etendue.contract.stage import Stage
+from etendue.contract.variables import parse_declaration
 from etendue.run.batches import partition, run_batch
-from etendue.run.job import Job
 from etendue.run.order import depth_first
 from etendue.run.parallel import run_parallel
-from etendue.run.segments import Result
 from etendue.run.serial import run_serial
-from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage
-from etendue.spec.variables import parse_declaration
 
 PORTS = ("a", "b", "c")
 

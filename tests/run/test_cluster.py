@@ -17,12 +17,12 @@ from pathlib import Path
 import pytest
 
 from etendue.archive.provenance import platform_record
+from etendue.compute.jobs import make_jobs
 from etendue.errors import MachineError
 from etendue.run.batches import partition
 from etendue.run.cluster import connect, watching
 from etendue.run.cluster.alike import common_of
 from etendue.run.cluster.sending import AHEAD, Sending
-from etendue.run.jobs import make_jobs
 from etendue.run.watch import Stop, Stopped
 from tests.run.small import SWEEP, assert_same_arrays, plan_of, run
 from tests.run.small import by_labels as labelled
@@ -191,7 +191,7 @@ def test_without_workers_and_with_paused_ones_a_run_ends_in_words(monkeypatch):
 
 
 def test_a_worker_says_in_what_it_differs(tmp_path):
-    from etendue.registry import installed_stages
+    from etendue.contract.registry import installed_stages
 
     kinds = [installed_stages().load(name) for name in ("pixel", "demosaic_malvar")]
     mark = tmp_path / "run.id"

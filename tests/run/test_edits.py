@@ -76,7 +76,7 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     edit(path / "etendue" / "run" / "segments.py", "spectrum = spectrum * otf", "spectrum = 0.5 * spectrum * otf")
     computed, reused, reasons = run()
     assert (computed, reused) == (cells, 0)
-    assert set(reasons.values()) == {"its code has changed: etendue.run.segments"} and len(reasons) == cells
+    assert set(reasons.values()) == {"its code has changed: etendue.compute.joined.segments"} and len(reasons) == cells
 
 
 @pytest.mark.long

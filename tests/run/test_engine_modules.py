@@ -15,15 +15,16 @@ from pathlib import Path
 import cloudpickle
 import pytest
 
-from etendue.discovery import Discovery, installed
-from etendue.hookspecs import GROUP
-from etendue.plan import code, cost, strips
+from etendue.compute import rows as strips
+from etendue.compute.jobs import make_jobs
+from etendue.contract.capabilities import is_random, is_transfer
+from etendue.contract.registry import Registry
+from etendue.plan import code, cost
 from etendue.plan.engine import ENGINE, MOVED_DATA, MOVES, RANDOM_KERNELS, TRANSFER_KERNELS
 from etendue.plan.planner import make_plan
-from etendue.registry import Registry
-from etendue.run.jobs import make_jobs
+from etendue.plugins.discovery import Discovery, installed
+from etendue.plugins.hookspecs import GROUP
 from etendue.session import load
-from etendue.spec.capabilities import is_random, is_transfer
 from tests.fresh import process
 from tests.run.small import BARE, environment
 from tests.run.test_strips import COLOUR
@@ -133,7 +134,7 @@ def test_what_a_cell_imports_is_in_its_key_or_only_moves_bytes(kind, tmp_path, m
         monkeypatch.setattr(cost, "LARGEST_WHOLE", 1000)
     plan = make_plan(load(text, overrides), registry, expected="draws" in kind)
     found = computed(plan, tmp_path, PYTHONPATH=str(tmp_path))
-    assert {"etendue.run.cell", "etendue.run.tables", "etendue.transfers"} <= set(found["modules"])
+    assert {"etendue.compute.cell", "etendue.compute.tables", "etendue.transfer.products"} <= set(found["modules"])
     assert not unlisted(plan, found)
 
 
@@ -151,8 +152,11 @@ def test_so_it_is_for_every_pipeline_that_is_shipped(name, tmp_path):
 def test_a_module_that_nobody_has_listed_is_found(tmp_path, monkeypatch):
     """The law fails where it should: a cell that imports what is neither in its key nor on a list."""
     plan = make_plan(load(BARE, {}), Registry(installed()))
-    found = {"modules": [*ENGINE, "etendue.report.terminal", "etendue.plan.graph", "etendue.run.later"], "opened": [code.__file__]}
+    found = {
+        "modules": [*ENGINE, "etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later"],
+        "opened": [code.__file__],
+    }
     package = os.path.dirname(code.__file__).removesuffix("plan")
     found["opened"] += [f"{package}data/closed_forms.json", f"{package}data/spectra.npz", f"{package}data/variables.toml"]
-    expected = {"etendue.report.terminal", "etendue.plan.graph", "etendue.run.later", "data/closed_forms.json"}
+    expected = {"etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later", "data/closed_forms.json"}
     assert unlisted(plan, found) == expected

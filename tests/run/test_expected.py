@@ -8,15 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from etendue.physics.electronics import converter, noise
+from etendue.compute import random
+from etendue.compute.tables import SensorRandom
+from etendue.contract.capabilities import Sampled, has_no_mean, is_random, mean_arguments_of, rounds
+from etendue.contract.grid import Grid, Line
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import arguments_of
+from etendue.pipeline.file import read_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.run.tables import SensorRandom
 from etendue.session import Options, collect, load
-from etendue.spec.capabilities import Sampled, has_no_mean, is_random, mean_arguments_of, rounds
-from etendue.spec.grid import Grid, Line
-from etendue.spec.pipeline import read_pipeline
-from etendue.spec.stage import arguments_of
+from etendue_camera.electronics import converter, noise
 from tests.run.small import BARE, assert_same_bits
 
 FLAT = BARE.replace('use = "composite"', 'use = "uniform"')
@@ -67,7 +68,7 @@ def test_the_mean_of_many_draws_is_what_the_stage_says(name):
     means, found = [], None
     for seed in range(30):
         given_too = beside | {
-            "rng": noise.philox(f"{name} {seed}".encode()),
+            "rng": random.philox(f"{name} {seed}".encode()),
             "rng_sensor": SensorRandom(f"{name} {seed}".encode(), GRID, "float64"),
         }
         found = stage.run(**{k: v for k, v in {**reads, **given_too}.items() if k in arguments_of(type(stage))})

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etendue.api import Stage, param
-from etendue.run.cell import compute
-from etendue.run.form import form_of
-from etendue.run.job import Job
-from etendue.run.ownership import undisturbed
-from etendue.spec.grid import Grid, Line
-from etendue.spec.variables import parse_declaration
+from etendue.compute.cell import compute
+from etendue.compute.form import form_of
+from etendue.compute.job import Job
+from etendue.compute.ownership import undisturbed
+from etendue.contract.grid import Grid, Line
+from etendue.contract.variables import parse_declaration
 
 
 @dataclass(frozen=True, kw_only=True)

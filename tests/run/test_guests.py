@@ -16,12 +16,12 @@ import warnings
 import numpy as np
 import pytest
 
-from etendue.guests import Guest, ordinary
+from etendue.compute.ownership import handed
+from etendue.compute.tables import SensorRandom
+from etendue.contract.grid import Grid, Line
+from etendue.plugins.guests import Guest, ordinary
 from etendue.process import Before
-from etendue.run.ownership import handed
-from etendue.run.tables import SensorRandom
-from etendue.spec.grid import Grid, Line
-from etendue.stages.mosaic.demosaic import DemosaicBilinear
+from etendue_camera.mosaic.stages.demosaic import DemosaicBilinear
 from tests.cli.test_plugins import MODULE, install
 from tests.run.small import environment
 

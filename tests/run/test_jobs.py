@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from etendue.compute.jobs import Jobs, make_jobs
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.run.batches import partition
-from etendue.run.jobs import Jobs, make_jobs
 from etendue.session import Options, execute
-from etendue.spec.pipeline import parse_pipeline
 from tests.run.small import SWEEP, plan_of
 
 DOTS = """

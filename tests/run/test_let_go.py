@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.run.memory import LEAST, MOST, TREES
 from etendue.session import Options, collect, load
 

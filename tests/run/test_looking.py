@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etendue.discovery import Discovery, installed
+from etendue.compute.joined.otf import Otf
+from etendue.contract.registry import Registry
 from etendue.errors import RequestError
-from etendue.hookspecs import GROUP
 from etendue.plan.planner import make_plan
 from etendue.plan.recipes import Recipes
-from etendue.registry import Registry
-from etendue.run.otf import Otf
+from etendue.plugins.discovery import Discovery, installed
+from etendue.plugins.hookspecs import GROUP
 from etendue.session import load
-from etendue.stages.optics.lens import LensGaussian
-from etendue.stages.optics.wavefront import Wavefront
-from etendue.stages.sensor.pixel import Diffusion, Pixel
+from etendue_camera.optics.stages.lens import LensGaussian
+from etendue_camera.optics.stages.wavefront import Wavefront
+from etendue_camera.sensor.stages.pixel import Diffusion, Pixel
 from tests.run.small import BARE, assert_same_arrays, by_labels, run
 
 EDGES = (400.0, 500.0, 600.0, 700.0)

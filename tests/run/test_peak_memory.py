@@ -10,19 +10,19 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from etendue.compute import rows as cut_of
+from etendue.compute.cell import compute
+from etendue.compute.joined.segments import Result
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import Stage
+from etendue.pipeline.file import read_pipeline
 from etendue.plan import cost
-from etendue.plan import strips as cut_of
 from etendue.plan.model import LeftOut
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.report import details, fitting
+from etendue.present.pictures import details, fitting
 from etendue.run import peak_memory as counting
-from etendue.run.cell import compute
 from etendue.run.peak_memory import kept_bytes, peak_memory
-from etendue.run.segments import Result
 from etendue.session import Options, execute
-from etendue.spec.pipeline import read_pipeline
-from etendue.spec.stage import Stage
 from etendue.testing.bench import Bench
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +41,7 @@ def test_a_frame_takes_what_its_plan_says():
     small = {"scene.width": "358.4 um", "scene.height": "268.8 um", "pixel.rows": 64, "pixel.columns": 96}
     execute(plan_of(**small), None, Options("serial", pictures=False))  # imports
     plan = plan_of()
-    from etendue.run.tables import TABLES
+    from etendue.compute.tables import TABLES
 
     TABLES.clear()
     tracemalloc.start()

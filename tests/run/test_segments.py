@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.physics.light import sampling
+from etendue.transfer import sampling
 from tests.run.small import assert_same_bits, by_labels, plan_of, run
 
 sizes = st.integers(1, 70)

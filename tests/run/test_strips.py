@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from etendue.api import Bands, Facts, Grid, Haloed, Line, Source, hookimpl
-from etendue.discovery import Discovery, installed
-from etendue.hookspecs import GROUP
-from etendue.plan import strips as cut_of
+from etendue.compute import rows as cut_of
+from etendue.compute import strips
+from etendue.compute.jobs import make_jobs
+from etendue.contract.registry import Registry, installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import Registry, installed_stages
-from etendue.run import strips
+from etendue.plugins.discovery import Discovery, installed
+from etendue.plugins.hookspecs import GROUP
 from etendue.run.batches import partition
-from etendue.run.jobs import make_jobs
 from etendue.run.peak_memory import peak_memory
 from etendue.session import load
 from tests.run.small import BARE, assert_same_archives, assert_same_arrays, assert_same_bits, by_labels, run

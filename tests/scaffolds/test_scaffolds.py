@@ -9,14 +9,14 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.cli.program import main
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import arguments_of, parameters_of, reads_of, writes_of
 from etendue.errors import RequestError
+from etendue.pipeline.beginning import text_of
+from etendue.pipeline.distribution import beginning, files
+from etendue.pipeline.file import parse_pipeline
+from etendue.pipeline.presets import preset_names
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.scaffolds.beginning import text_of
-from etendue.scaffolds.distribution import beginning, files
-from etendue.spec.pipeline import parse_pipeline
-from etendue.spec.presets import preset_names
-from etendue.spec.stage import arguments_of, parameters_of, reads_of, writes_of
 from etendue.testing import StageConformance, check_stage
 from etendue.testing.cases import ordinary
 

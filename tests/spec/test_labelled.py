@@ -9,8 +9,8 @@ import xarray as xr
 from numpy.testing import assert_array_equal
 
 from etendue.api import Stage, labelled, measured, param
+from etendue.contract.stage import arguments_of
 from etendue.errors import PluginError
-from etendue.spec.stage import arguments_of
 from etendue.testing import StageConformance
 
 PLANES = "channel y x [1]"

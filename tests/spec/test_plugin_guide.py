@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from etendue import discovery
-from etendue.discovery import Discovery
-from etendue.registry import Registry
-from etendue.spec import camera, variables
+from etendue.contract import quantities as camera
+from etendue.contract import variables
+from etendue.contract.registry import Registry
+from etendue.plugins import discovery
+from etendue.plugins.discovery import Discovery
 from etendue.testing import check_stage
 
 TEXT = (Path(__file__).parents[2] / "docs" / "plugins.md").read_text()

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from etendue import spectra
+from etendue.contract import quantities as camera
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
+from etendue.contract.units import to_unit
 from etendue.errors import RequestError
+from etendue.pipeline.file import parse_pipeline, read_pipeline
+from etendue.pipeline.presets import SPOKEN, preset, preset_names
 from etendue.plan.parameters import resolve
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec import camera
-from etendue.spec.pipeline import parse_pipeline, read_pipeline
-from etendue.spec.presets import SPOKEN, preset, preset_names
-from etendue.spec.stage import parameters_of
-from etendue.spec.units import to_unit
+from etendue_camera import spectra
 from tests.fresh import process
 
 ROOT = Path(__file__).parents[2]

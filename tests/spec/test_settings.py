@@ -5,8 +5,8 @@ import math
 import pytest
 
 from etendue.api import param
-from etendue.registry import installed_stages
-from etendue.spec.stage import parameters_of
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 
 REGISTRY = installed_stages()
 WITHOUT_ORDER = {"method", "heights of real_lens"}  # of choices that keep one tolerance, and of one that is another lens

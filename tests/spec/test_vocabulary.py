@@ -4,15 +4,18 @@ from types import ModuleType
 
 import pytest
 
-from etendue import discovery, spectra
-from etendue.discovery import Discovery
+from etendue.contract import quantities as camera
+from etendue.contract import variables
+from etendue.contract.registry import Registry
 from etendue.errors import PluginError, RequestError
-from etendue.hookspecs import hookimpl
+from etendue.pipeline import presets
+from etendue.pipeline.file import from_document
 from etendue.plan.keys import parameters_for_key
 from etendue.plan.planner import make_plan
-from etendue.registry import Registry
-from etendue.spec import camera, presets, variables
-from etendue.spec.pipeline import from_document
+from etendue.plugins import discovery
+from etendue.plugins.discovery import Discovery
+from etendue.plugins.hookspecs import hookimpl
+from etendue_camera import spectra
 from tests.distributions import distribution as made_up
 
 

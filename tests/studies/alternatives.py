@@ -6,10 +6,10 @@ from importlib.metadata import EntryPoint
 import numpy as np
 
 from etendue.api import RGB, Labels, Stage, hookimpl, param, quantity
-from etendue.discovery import Discovery, installed
-from etendue.hookspecs import GROUP
-from etendue.registry import Registry
-from etendue.stages.quality.ideal import IdealMosaic
+from etendue.contract.registry import Registry
+from etendue.plugins.discovery import Discovery, installed
+from etendue.plugins.hookspecs import GROUP
+from etendue_camera.quality.stages.ideal import IdealMosaic
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,9 @@ from importlib.metadata import EntryPoint
 import numpy as np
 
 from etendue.api import RGB, Noisy, Stage, hookimpl, param, quantity
-from etendue.discovery import Discovery, installed
-from etendue.hookspecs import GROUP
-from etendue.registry import Registry, installed_stages
+from etendue.contract.registry import Registry, installed_stages
+from etendue.plugins.discovery import Discovery, installed
+from etendue.plugins.hookspecs import GROUP
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,13 +11,13 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etendue.accuracy.frontier import cheapest, combinations, convergence, front, remaining
+from etendue.accuracy.measuring import Measurement
+from etendue.accuracy.study import accuracy
 from etendue.cli.program import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.registry import installed_stages
 from etendue.session import load
-from etendue.studies.accuracy import accuracy
-from etendue.studies.frontier import cheapest, combinations, convergence, front, remaining
-from etendue.studies.measuring import Measurement
 from tests.run.small import BARE, text_of
 
 pytestmark = pytest.mark.long

@@ -8,20 +8,20 @@ import xarray
 from click.testing import CliRunner
 
 from etendue.cli.program import main
-from etendue.page.document import document
-from etendue.page.opened import Opened
-from etendue.page.report import report
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.plots import kinds
-from etendue.plots.holdings import Holdings
-from etendue.plots.kinds import Asked, draw
-from etendue.plots.opening import opened
-from etendue.registry import installed_stages
+from etendue.present.page.document import document
+from etendue.present.page.opened import Opened
+from etendue.present.page.report import report
+from etendue.present.plots import kinds
+from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.kinds import Asked, draw
+from etendue.present.plots.opening import opened
 from etendue.session import Options, execute
-from etendue.spec.pipeline import parse_pipeline
-from etendue.studies import archive_losses
-from etendue.studies.archive_losses import camera_at, losses_at
-from etendue.studies.losses import losses
+from etendue_lab.losses import archived as archive_losses
+from etendue_lab.losses.archived import camera_at, losses_at
+from etendue_lab.losses.study import losses
 from tests.page.conftest import embedded_document
 
 PIPELINE = """

@@ -2,11 +2,11 @@
 
 import pytest
 
-from etendue.registry import installed_stages
+from etendue.accuracy.blame import blamed
+from etendue.accuracy.holding import missed
+from etendue.accuracy.measuring import Measurement
+from etendue.contract.registry import installed_stages
 from etendue.session import load
-from etendue.studies.blame import blamed
-from etendue.studies.holding import missed
-from etendue.studies.measuring import Measurement
 from tests.plan.given import CAMERA, SCENE, SENSOR
 
 TEXT = CAMERA + SCENE.format(scene="composite") + SENSOR

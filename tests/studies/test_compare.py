@@ -18,20 +18,20 @@ from scipy.optimize import brentq
 
 from etendue.cli import main
 from etendue.cli.options import number
-from etendue.physics.colour import difference
-from etendue.physics.field.psf_bank import PsfBank
-from etendue.report.crops import Strip, _of_several, sized, strip, where_most
-from etendue.report.work_precision import Point, work_precision
+from etendue.pipeline.file import parse_pipeline
+from etendue.present.pictures.crops import Strip, _of_several, sized, strip, where_most
+from etendue.present.terminal.work_precision import Point, work_precision
 from etendue.session import Options
-from etendue.spec.pipeline import parse_pipeline
-from etendue.stages.colour.tristimulus import CameraToXyz
-from etendue.studies import ranking
-from etendue.studies.axis import Asked, candidates, labels_of, parse_axis
-from etendue.studies.branches import nodes_of
-from etendue.studies.compare import Comparison, compare, ranked
-from etendue.studies.compared import Row
-from etendue.studies.figures import colour_figures
-from etendue.studies.ranking import document, print_comparison
+from etendue_camera.colour import difference
+from etendue_camera.colour.stages.tristimulus import CameraToXyz
+from etendue_camera.field.psf_bank import PsfBank
+from etendue_lab.compare import ranking
+from etendue_lab.compare.axis import Asked, candidates, labels_of, parse_axis
+from etendue_lab.compare.branches import nodes_of
+from etendue_lab.compare.compared import Row
+from etendue_lab.compare.figures import colour_figures
+from etendue_lab.compare.ranking import document, print_comparison
+from etendue_lab.compare.study import Comparison, compare, ranked
 from tests.studies import alternatives
 
 SMALL = """
@@ -126,7 +126,7 @@ def rows_of(axis, found=None, expected=False, edges=False, **changes):
 def registry(monkeypatch):
     """The installed stages, and a third party's."""
     mine = alternatives.registry()
-    monkeypatch.setattr("etendue.studies.compare.installed_stages", lambda: mine)
+    monkeypatch.setattr("etendue_lab.compare.study.installed_stages", lambda: mine)
     return mine
 
 
@@ -245,7 +245,7 @@ def test_colours_are_seen_by_an_eye_that_is_adapted_to_their_white(registry, mon
         seen.append(difference.lab(np.asarray(reference, np.float64), white))
         return colour_figures(picture, reference, white)
 
-    monkeypatch.setattr("etendue.studies.compare.colour_figures", spy)
+    monkeypatch.setattr("etendue_lab.compare.study.colour_figures", spy)
     ideal = ('use = "demosaic_bilinear"', 'use = "perfect"')
     rows_of("balance.target=D65,A", pipeline(ideal, scene="uniform"))
     unbalanced = pipeline(ideal, ('[[stages]]\nuse = "balance"\n', ""), scene="uniform", camera='illuminant = "A"')
@@ -564,14 +564,14 @@ def test_nothing_is_written_where_a_picture_cannot_be_drawn(run, tmp_path, monke
     def breaks(*words):
         raise ValueError("no ink")
 
-    monkeypatch.setattr("etendue.studies.ranking.strip", breaks)
+    monkeypatch.setattr("etendue_lab.compare.ranking.strip", breaks)
     assert run("--axis", "sharpen.strength=0,1", "-o", "out").exit_code != 0
     assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.mark.parametrize("place", ["small.toml", "small.toml/inside"])
 def test_a_folder_that_cannot_be_is_refused_before_anything_is_computed(run, monkeypatch, place):
-    monkeypatch.setattr("etendue.studies.compare.execute", lambda *words: pytest.fail("was computed"))
+    monkeypatch.setattr("etendue_lab.compare.study.execute", lambda *words: pytest.fail("was computed"))
     done = run("--axis", "demosaic.use=demosaic_nearest", "-o", place)
     assert done.exit_code == 2, done.output
     assert "folder" in done.output

@@ -9,14 +9,14 @@ from scipy import special
 
 import etendue
 from etendue.cli import main
+from etendue.compute.random import philox
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.electronics import emva as kernel
-from etendue.physics.electronics.noise import philox
-from etendue.physics.sensor import cfa
-from etendue.registry import installed_stages
 from etendue.session import load
-from etendue.studies.emva import of_archive, of_pipeline
-from etendue.studies.emva_report import SHEET, Expected
+from etendue_camera.electronics import emva as kernel
+from etendue_camera.sensor import cfa
+from etendue_lab.emva.report import SHEET, Expected
+from etendue_lab.emva.study import of_archive, of_pipeline
 
 CAMERA = {
     "pixel_pitch": 5.4, "peak_qe": [0.5], "sensitivity": "flat", "full_well_density": 500, "bits": 12, "black_level": 128,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etendue.errors import MachineError, RequestError
-from etendue.studies.files import check_folder, finite, write_whole
+from etendue.result_files import check_folder, finite, write_whole
 
 
 def test_a_folder_is_made_and_nothing_is_left_in_it(tmp_path):

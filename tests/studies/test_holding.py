@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from etendue.accuracy.holding import LADDER, hold, missed
+from etendue.accuracy.measuring import Measurement
+from etendue.accuracy.stating import stated_elsewhere
 from etendue.cli.program import main
+from etendue.contract.registry import installed_stages
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, collect, load
-from etendue.studies.holding import LADDER, hold, missed
-from etendue.studies.measuring import Measurement
-from etendue.studies.stating import stated_elsewhere
 from tests.plan.given import CAMERA, SCENE, SENSOR
 
 TEXT = CAMERA + SCENE.format(scene="composite") + SENSOR + '[sweep]\nf_number = [2, 4, 8]\npixel_pitch = ["2 um", "4 um"]\n'

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import etendue
-from etendue.physics.sensor import cfa, crosstalk
-from etendue.physics.sensor.crosstalk_planes import diffuse_planes, plane_kernels
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
+from etendue_camera.sensor import cfa, crosstalk
+from etendue_camera.sensor.crosstalk_planes import diffuse_planes, plane_kernels
 
 CAMERA = """
 name = "ideal"

@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.cli import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.resolution import noise_power
-from etendue.registry import installed_stages
 from etendue.session import load, simulate
-from etendue.studies.fine_detail import fine_detail, frames
-from etendue.studies.information import information
-from etendue.studies.losses import losses
+from etendue_camera.resolution import noise_power
+from etendue_lab.information.fine_detail import fine_detail, frames
+from etendue_lab.information.study import information
+from etendue_lab.losses.study import losses
 from tests.studies.test_noise import CAMERA
 
 BLURRED = CAMERA.replace('use = "pixel"\nsampling = "paper"', 'use = "lens_gaussian"\nsigma = "2 um"\n[[stages]]\nuse = "pixel"')

@@ -18,19 +18,20 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.special import ive, ndtr
 
-from etendue import open_archive, spectra
+from etendue import open_archive
 from etendue.cli import main
-from etendue.colour_notes import not_applied
 from etendue.errors import RequestError
-from etendue.export import dng
-from etendue.physics.colour.difference import delta_e_2000
-from etendue.physics.colour.encoding import bt709_encode, srgb_encode
-from etendue.physics.colour.matrices import von_kries_matrix, xyz_from_xy
-from etendue.physics.sensor import cfa
-from etendue.studies.measuring_pictures import photograph
-from etendue.studies.measuring_pictures.chart import reference, to_lab
-from etendue.studies.measuring_pictures.photograph import Photograph
-from etendue.studies.measuring_pictures.study import Asked, curves, measure
+from etendue_camera import spectra
+from etendue_camera.colour.difference import delta_e_2000
+from etendue_camera.colour.encoding import bt709_encode, srgb_encode
+from etendue_camera.colour.matrices import von_kries_matrix, xyz_from_xy
+from etendue_camera.colour_notes import not_applied
+from etendue_camera.export import dng
+from etendue_camera.sensor import cfa
+from etendue_lab.measure import photograph
+from etendue_lab.measure.chart import reference, to_lab
+from etendue_lab.measure.photograph import Photograph
+from etendue_lab.measure.study import Asked, curves, measure
 
 FIFTY = math.sqrt(math.log(2) / 2) / math.pi  # MTF50 of a Gaussian of 1 pixel rms
 SHAPE = (160, 150)

@@ -10,10 +10,10 @@ from scipy.special import ndtr
 
 from etendue.cli import main
 from etendue.errors import RequestError
-from etendue.physics.colour.encoding import srgb_encode
-from etendue.physics.electronics.rounding import in_front
-from etendue.physics.quality.block_coding import coded
-from etendue.studies.measuring_pictures.study import Asked, measure
+from etendue_camera.colour.encoding import srgb_encode
+from etendue_camera.electronics.rounding import in_front
+from etendue_camera.quality.block_coding import coded
+from etendue_lab.measure.study import Asked, measure
 
 FIFTY, SIDE = math.sqrt(math.log(2) / 2) / math.pi, 80  # MTF50 of a Gaussian of 1 pixel rms
 WHOLE = f"0,0,{SIDE},{SIDE}"

@@ -10,17 +10,17 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from etendue.accuracy.differences import difference
+from etendue.accuracy.measuring import Measurement, measure
+from etendue.accuracy.pilot import places
+from etendue.accuracy.reference import knobs_of, reference_of
 from etendue.cli.program import main
+from etendue.contract.parameter import param
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import Stage
+from etendue.contract.variables import parse_declaration
 from etendue.errors import RequestError
-from etendue.registry import installed_stages
 from etendue.session import load, simulate
-from etendue.spec.parameter import param
-from etendue.spec.stage import Stage
-from etendue.spec.variables import parse_declaration
-from etendue.studies.differences import difference
-from etendue.studies.measuring import Measurement, measure
-from etendue.studies.pilot import places
-from etendue.studies.reference import knobs_of, reference_of
 from tests.run.small import BARE
 from tests.studies import strangers
 

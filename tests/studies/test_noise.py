@@ -8,12 +8,12 @@ import pytest
 from click.testing import CliRunner
 
 from etendue.cli import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.registry import installed_stages
 from etendue.session import load
-from etendue.studies.information import information
-from etendue.studies.losses import losses
-from etendue.studies.noise import noise
+from etendue_lab.information.study import information
+from etendue_lab.losses.study import losses
+from etendue_lab.noise.study import noise
 
 CAMERA = """
 name = "small"

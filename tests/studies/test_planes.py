@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import etendue
-from etendue.physics.sensor import cfa
-from etendue.registry import installed_stages
+from etendue.contract.registry import installed_stages
+from etendue_camera.sensor import cfa
 
 CAMERA = """
 name = "planes"

@@ -8,18 +8,18 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
-from etendue import studies
 from etendue.cli import main
+from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
-from etendue.physics.colour import matrices
-from etendue.physics.quality import fidelity as measures
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import parse_pipeline
-from etendue.stages.colour.display import Display
-from etendue.stages.colour.display_white import white_of
-from etendue.studies.ideal import ideal_of
-from etendue.studies.quality import evenly, quality
-from etendue.studies.quality_figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
+from etendue.pipeline.file import parse_pipeline
+from etendue_camera.colour import matrices
+from etendue_camera.colour.stages.display import Display
+from etendue_camera.colour.stages.display_white import white_of
+from etendue_camera.quality import fidelity as measures
+from etendue_lab import compare as studies
+from etendue_lab.quality.figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
+from etendue_lab.quality.ideal import ideal_of
+from etendue_lab.quality.study import evenly, quality
 from tests.studies import alternatives
 
 HEAD = """

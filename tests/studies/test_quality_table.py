@@ -6,10 +6,10 @@ import re
 import pytest
 from rich.console import Console
 
-from etendue import report
-from etendue.report.quality import COLUMNS, print_quality
-from etendue.studies.quality import SCALARS
-from etendue.studies.quality_figures import UNITS
+from etendue.present import terminal as report
+from etendue_lab.quality.figures import UNITS
+from etendue_lab.quality.study import SCALARS
+from etendue_lab.quality.terminal import COLUMNS, print_quality
 
 
 def printed(monkeypatch, **options):

@@ -3,10 +3,10 @@
 import pytest
 
 from etendue.errors import RequestError
+from etendue.pipeline.file import parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.spec.pipeline import parse_pipeline
-from etendue.studies import emva_levels
-from etendue.studies.flat_field import MOSAIC, FlatField, several
+from etendue_lab.emva import levels as emva_levels
+from etendue_lab.noise.flat_field import MOSAIC, FlatField, several
 from tests.studies import alternatives
 from tests.studies.test_compare import written
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from etendue.studies.shapley import shares
+from etendue_lab.losses.shapley import shares
 
 NAMES = ("a", "b", "c", "d", "e")
 

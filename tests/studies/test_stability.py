@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of
 from etendue.errors import RequestError
-from etendue.registry import installed_stages
-from etendue.spec.stage import parameters_of
-from etendue.studies.stability import cameras, kernels, study
-from etendue.studies.stability.rows import Row, counts, document, groups
 from etendue.testing.cases import CORNER, END, INSIDE, ORDINARY, cases, ordinary
+from etendue_lab.stability import cameras, kernels, study
+from etendue_lab.stability.rows import Row, counts, document, groups
 from tests.fresh import process
 
 SITE = Path(__file__).parents[1] / "plugins" / "naive"

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from etendue.contract.registry import installed_stages
+from etendue.pipeline.file import StageEntry, parse_pipeline
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
 from etendue.session import Options, execute
-from etendue.spec.pipeline import StageEntry, parse_pipeline
-from etendue.studies.axis import Asked
-from etendue.studies.compare import compare
-from etendue.studies.compared import FIGURES
-from etendue.studies.noise import noise
-from etendue.studies.quality import quality
+from etendue_lab.compare.axis import Asked
+from etendue_lab.compare.compared import FIGURES
+from etendue_lab.compare.study import compare
+from etendue_lab.noise.study import noise
+from etendue_lab.quality.study import quality
 from tests.studies import strangers
 
 CAMERA = """
@@ -54,7 +54,7 @@ def camera(stages=WHOLE, scene="slanted_edge", crosstalk="per_plane", **values):
 
 
 def rows(registry, pipeline, key, values, monkeypatch, expected=False, edges=False):
-    monkeypatch.setattr("etendue.studies.compare.installed_stages", lambda: registry)
+    monkeypatch.setattr("etendue_lab.compare.study.installed_stages", lambda: registry)
     found = compare(pipeline, Asked(key, values), 1, expected, SERIAL, edges=edges)
     return {row.label.removeprefix(strangers.PREFIX): row for row in found.rows}, found
 

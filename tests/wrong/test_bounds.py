@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 import etendue
+from etendue.contract.registry import installed_stages
 from etendue.errors import Fault, RequestError, escaped
+from etendue.pipeline.file import from_document, parse_pipeline
 from etendue.plan import lacking
 from etendue.plan.planner import make_plan
-from etendue.registry import installed_stages
-from etendue.spec.pipeline import from_document, parse_pipeline
 
 PIPELINES = Path(__file__).parents[2] / "pipelines"
 LINE = '[[stages]]\nuse = "lens_numbers"\n'

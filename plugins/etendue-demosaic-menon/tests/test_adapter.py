@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import bilinear
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import bilinear
+from etendue_camera.sensor import cfa
 
 REACH = 8  # 2 for green, 2 for differences, 2 for their sums; 1 and 1 for the last step
 SWAPPED = str.maketrans("RB", "BR")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etendue.physics.mosaic import bilinear
-from etendue.physics.sensor import cfa
+from etendue_camera.mosaic import bilinear
+from etendue_camera.sensor import cfa
 
 WHY = "is not installed: pip install plugins/etendue-other-libraries"
 cv2 = pytest.importorskip("cv2", reason=f"OpenCV {WHY}")

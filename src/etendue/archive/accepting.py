@@ -12,9 +12,9 @@ from typing import Any
 
 from etendue.archive.entries import Entry
 from etendue.archive.provenance import in_words
+from etendue.contract.registry import installed_stages
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
-from etendue.registry import installed_stages
 
 
 @dataclass(frozen=True)

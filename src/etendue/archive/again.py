@@ -16,9 +16,9 @@ from etendue.archive import disk
 from etendue.archive.inputs import digest_now
 from etendue.archive.manifest import DATA, digest_of, read_manifest
 from etendue.archive.provenance import is_record, record_paths
+from etendue.contract.bounds import MOST_CELLS
 from etendue.errors import ArchiveError
-from etendue.spec.bounds import MOST_CELLS
-from etendue.spec.pipeline import Pipeline, parse_pipeline
+from etendue.pipeline.file import Pipeline, parse_pipeline
 
 _INPUT = re.compile(r'"\.\./inputs/([0-9a-f]{64}[^"/]*)"')
 

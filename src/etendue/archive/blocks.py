@@ -15,7 +15,7 @@ from etendue.archive.entries import Files
 from etendue.archive.finding import Finder, State
 from etendue.archive.journal import Journal
 from etendue.archive.shards import Place, Shard, kept_of, part_path, put_shard
-from etendue.spec.ports import Written
+from etendue.contract.ports import Written
 
 Stored = Mapping[tuple[str, int], tuple[Written, Place]]  # chunks by shard and slot: as they were written, where they lie
 Slots = Iterable[tuple[str, int, int]]  # shard, slot, slots of the shard

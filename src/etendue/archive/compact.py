@@ -36,8 +36,8 @@ from etendue.archive.owner import fresh_id
 from etendue.archive.reading import Form, StoredArchive, StoredCell, StoredChunk, open_archive
 from etendue.archive.shards import Place, Shard, holds, index_bytes, index_size, read_bytes, read_index
 from etendue.archive.tree import ROOT, Tree
+from etendue.contract.ports import Written
 from etendue.errors import ArchiveError, ArchiveInUse
-from etendue.spec.ports import Written
 
 ASIDE = ".compact.partial"
 WASTE = 8  # a shard is written anew when more than the eighth of its chunks is nothing

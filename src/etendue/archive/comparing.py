@@ -17,10 +17,10 @@ from etendue.archive.differing import Difference, between, together
 from etendue.archive.naming import cell_name
 from etendue.archive.pieces import Cutter
 from etendue.archive.stored import Stored, StoredArrays
+from etendue.contract.ports import CellReport, Sheet, Written
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
-from etendue.spec.ports import CellReport, Sheet, Written
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,9 @@ from typing import Any
 from etendue.archive import disk
 from etendue.archive.again import Recorded, every_record
 from etendue.archive.manifest import DATA, Manifest
+from etendue.pipeline.about import About
 from etendue.plan.keys import version_of
 from etendue.plan.model import Node, Plan
-from etendue.spec.about import About
 
 NAME, CITATION = "ro-crate-metadata.json", "CITATION.cff"
 PROFILES = (

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from etendue.physics.sensor import cfa
+from etendue.contract import seen
+from etendue.contract.capabilities import Viewed
+from etendue.contract.drawn import BY
+from etendue.contract.variables import variable
 from etendue.plan.drawn import drawn_of, quantity_axes
 from etendue.plan.model import Cell, Node, Plan
-from etendue.spec.capabilities import Viewed
-from etendue.spec.drawn import BY
-from etendue.spec.variables import variable
 
 
 def drawing_attributes(plan: Plan, node: Node, cells: Sequence[Cell], name: str) -> dict[str, Any]:
@@ -68,9 +68,7 @@ def _rows(pattern: str, start: tuple[int, int]) -> str:
     """A pattern row by row, from a pixel on."""
     if not pattern:
         return ""
-    rows = cfa.read(pattern).rows
-    down, across = start[0] % len(rows), start[1] % len(rows[0])
-    return "/".join(row[across:] + row[:across] for row in (*rows[down:], *rows[:down]))
+    return "/".join(seen.pattern(pattern).moved(*start))
 
 
 def _moving(found: Mapping[tuple[int, ...], Any], axes: int) -> list[int]:

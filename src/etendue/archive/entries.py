@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from etendue.archive.layout import STATUS
-from etendue.spec.ports import Written
+from etendue.contract.ports import Written
 
 EVENTS = ("start", "done", "failed", "removed")
 KEY = 16  # bytes of a key

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Protocol
 
 from etendue.archive.shards import Place, Shard, holds, part_path, read_index
-from etendue.spec.ports import Written
+from etendue.contract.ports import Written
 
 
 class Journalled(Protocol):

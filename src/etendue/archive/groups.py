@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from etendue.archive.manifest import DATA
+from etendue.contract.grid import Coordinate, Line
 from etendue.plan.keys import digest
 from etendue.plan.model import Cell, CellRef, Node
-from etendue.spec.grid import Coordinate, Line
 
 
 @dataclass(frozen=True)

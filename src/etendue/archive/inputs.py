@@ -18,17 +18,17 @@ from typing import Any
 
 from etendue import plain_files
 from etendue.archive import disk
+from etendue.contract.parameter import Parameter
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import file_behind, file_state, parameters_of
 from etendue.errors import ArchiveError
+from etendue.pipeline import toml
+from etendue.pipeline.file import Pipeline
+from etendue.pipeline.presets import preset
 from etendue.plan.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.parameters import resolve_file
 from etendue.plan.sensors import SENSOR
-from etendue.registry import installed_stages
-from etendue.spec import toml
-from etendue.spec.parameter import Parameter
-from etendue.spec.pipeline import Pipeline
-from etendue.spec.presets import preset
-from etendue.spec.stage import file_behind, file_state, parameters_of
 
 _COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied

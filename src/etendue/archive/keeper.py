@@ -17,10 +17,10 @@ from etendue.archive import crate, frames, inputs, keeping, moving, provenance
 from etendue.archive.accepting import former_of
 from etendue.archive.chunks import CellFiles
 from etendue.archive.store import Archive
+from etendue.contract.ports import CellReport, Sheet
 from etendue.errors import ArchiveError
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work, select
-from etendue.spec.ports import CellReport, Sheet
 
 
 class ArchiveKeeper:

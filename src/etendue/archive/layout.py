@@ -13,11 +13,11 @@ from typing import Any
 from etendue.archive.drawing import drawing_attributes
 from etendue.archive.groups import Before, alike, groups_of
 from etendue.archive.naming import Homes, Whole
+from etendue.contract import quantities as camera
+from etendue.contract.grid import Bands, Coordinate, Labels, Line
+from etendue.contract.variables import NOT_IN_IT, variable
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Cell, CellRef, Node, Plan
-from etendue.spec import camera
-from etendue.spec.grid import Bands, Coordinate, Labels, Line
-from etendue.spec.variables import NOT_IN_IT, variable
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed")
 STATUS_ATTRIBUTES = {

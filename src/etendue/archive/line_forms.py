@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from etendue.archive.entries import EVENTS
-from etendue.spec.ports import Written
+from etendue.contract.ports import Written
 
 LARGEST = 2**62  # of a place in a file
 

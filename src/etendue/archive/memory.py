@@ -14,9 +14,9 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS, STATUS, STATUS_ATTRIBUTES, GroupLayout, coordinates_of, layout_of
+from etendue.contract.ports import CellReport, Sheet
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.plan.resume import Work
-from etendue.spec.ports import CellReport, Sheet
 
 
 class Standing(Mapping[CellRef, dict[str, Any]]):

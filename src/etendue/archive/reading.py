@@ -27,8 +27,8 @@ from etendue.archive.journal import NAME, Read, read
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import Window, counts_of, joined, known_chunk, pieces_of, window_of
 from etendue.archive.shards import Place, fits, part_path, read_bytes
+from etendue.contract.ports import Written
 from etendue.errors import ArchiveError, EtendueError
-from etendue.spec.ports import Written
 
 FINISHED = ("done", "left_out")
 ELSEWHERE = "the index of its shard names another place"  # which costs no cell: the journal knows the right one

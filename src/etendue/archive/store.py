@@ -43,10 +43,10 @@ from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.shards import Place, part_path
 from etendue.archive.strangers import check_folder, known_axes, refuse_strangers
 from etendue.archive.tree import ROOT, incompatible
+from etendue.contract.names import TABLES
+from etendue.contract.ports import CellReport, Written
 from etendue.errors import ArchiveError, ArchiveInUse, MachineError
 from etendue.plan.model import Cell, CellRef, Plan
-from etendue.spec.names import TABLES
-from etendue.spec.ports import CellReport, Written
 
 
 class Archive:

@@ -18,8 +18,8 @@ from etendue.archive.manifest import DATA, Manifest, digest_of
 from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
 from etendue.archive.tree import ROOT
+from etendue.contract.names import TABLES
 from etendue.errors import ArchiveError, ArchiveInUse
-from etendue.spec.names import TABLES
 
 
 def check_folder(folder: Path) -> None:

@@ -30,8 +30,8 @@ from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.owner import is_id, is_running, is_written, owner_of
 from etendue.archive.reading import ELSEWHERE, StoredChunk
 from etendue.archive.stored import Stored
+from etendue.contract.names import TABLES
 from etendue.errors import ArchiveError, ArchiveInUse
-from etendue.spec.names import TABLES
 
 STRAYS = "strays"  # where a repair puts what does not belong to an archive
 Told = Callable[[int, int], None]

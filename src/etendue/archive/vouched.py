@@ -36,8 +36,8 @@ from etendue.archive.owner import is_running
 from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import fits, index_bytes, index_size, read_bytes
 from etendue.archive.tree import ROOT, Tree
+from etendue.contract.names import TABLES
 from etendue.errors import ArchiveError
-from etendue.spec.names import TABLES
 
 LOOKS = 4  # at a chunk of a run that goes on: its part may become a shard while it is looked for
 

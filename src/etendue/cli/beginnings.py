@@ -17,8 +17,8 @@ FOLDER = click.option("-o", "--output", type=click.Path(path_type=Path, file_oka
 @FOLDER
 def new(name: str, sensor: str, output: Path | None) -> None:
     """A commented pipeline NAME.toml to begin with: a whole camera, from a chart to a display."""
-    from etendue.scaffolds.beginning import text_of
-    from etendue.scaffolds.files import refuse_existing
+    from etendue.pipeline.beginning import text_of
+    from etendue.pipeline.new_files import refuse_existing
 
     text = text_of(name, sensor)
     place = (output or Path()) / f"{name}.toml"
@@ -31,9 +31,9 @@ def new(name: str, sensor: str, output: Path | None) -> None:
 
 def _kept(text: str) -> dict[str, str]:
     """What each choice under `keep` takes of a pipeline."""
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.file import parse_pipeline
     from etendue.plan.planner import make_plan, summary
-    from etendue.registry import installed_stages
-    from etendue.spec.pipeline import parse_pipeline
     from etendue.telling import human_bytes
 
     document = summary(make_plan(parse_pipeline(text), installed_stages()))
@@ -51,9 +51,9 @@ def new_plugin(name: str, role: str | None, like: str | None, output: Path | Non
 
     It inherits the arithmetic of an installed stage; write yours in the place of one line.
     """
-    from etendue.registry import installed_stages
-    from etendue.scaffolds.distribution import beginning, files
-    from etendue.scaffolds.files import write_folder
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.distribution import beginning, files
+    from etendue.pipeline.new_files import write_folder
 
     one = beginning(installed_stages(), name, role, like)
     place = (output or Path()) / one.distribution

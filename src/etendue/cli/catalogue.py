@@ -1,4 +1,4 @@
-"""Commands that say what is installed: ``stages``, ``quantities``, ``sensors``, ``schema``."""
+"""Commands that say what is installed: ``stages``, ``quantities``, ``schema``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from etendue.cli.options import JSON, NAME
 from etendue.cli.saying import command, say, tell
 
 
-def _tell(as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any) -> None:
+def tell_one(as_json: bool, name: str | None, names: Sequence[str], document: Callable[[str], Any], one: Any, all: Any) -> None:
     """The document of what is named, or those of all."""
     documents = [document(own) for own in ([name] if name else names)]
     if name and not as_json:
@@ -23,8 +23,8 @@ def _tell(as_json: bool, name: str | None, names: Sequence[str], document: Calla
 
 
 def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None:
-    from etendue import discovery
     from etendue.errors import RequestError, nearest
+    from etendue.plugins import discovery
 
     if name is not None and name not in names:
         raise RequestError(f"there is no {what} {name!r}{nearest(name, names)}{discovery.installed().missed(hook, name)}")
@@ -35,13 +35,13 @@ def _check(what: str, name: str | None, names: Sequence[str], hook: str) -> None
 @JSON
 def stages(name: str | None, as_json: bool) -> None:
     """What is installed, from which distribution, what it reads and writes, its parameters."""
-    from etendue.registry import installed_stages
-    from etendue.report.catalogue import print_stage, print_stages, stage_document
+    from etendue.contract.registry import installed_stages
+    from etendue.present.terminal.catalogue import print_stage, print_stages, stage_document
     from etendue.telling import printable
 
     registry = installed_stages()
     _check("stage", name, registry.names(), "stages")
-    _tell(as_json, name, registry.names(), lambda own: stage_document(registry, own), print_stage, print_stages)
+    tell_one(as_json, name, registry.names(), lambda own: stage_document(registry, own), print_stage, print_stages)
     for text in () if name else registry.found.notes():
         click.echo(f"note: {printable(text)}", err=True)
 
@@ -51,25 +51,14 @@ def stages(name: str | None, as_json: bool) -> None:
 @JSON
 def quantities(name: str | None, as_json: bool) -> None:
     """The camera quantities that stages share: meaning, unit, range, default, and which stages take one."""
-    from etendue.registry import installed_stages
-    from etendue.report.catalogue import print_quantities, print_quantity, quantity_document
-    from etendue.spec import camera
+    from etendue.contract import quantities as camera
+    from etendue.contract.registry import installed_stages
+    from etendue.present.terminal.catalogue import print_quantities, print_quantity, quantity_document
 
     name = name.removeprefix("camera.") if name else None
     _check("camera quantity", name, camera.names(), "quantities")
     registry = installed_stages() if name else None
-    _tell(as_json, name, camera.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
-
-
-@command("sensors")
-@NAME
-@JSON
-def sensors(name: str | None, as_json: bool) -> None:
-    """Sensors that a pipeline may name: [camera] sensor = "NAME". With a name: each value and where it comes from."""
-    from etendue.report.sensors import print_sensor, print_sensors, sensor_document
-    from etendue.spec.presets import preset_names
-
-    _tell(as_json, name, preset_names(), sensor_document, print_sensor, print_sensors)
+    tell_one(as_json, name, camera.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
 
 
 @command("schema")
@@ -80,8 +69,8 @@ def schema(output: Path | None) -> None:
     With the schema in a file, `#:schema ./etendue.schema.json` as the first line of a pipeline tells editors that use taplo (such as
     VS Code with Even Better TOML) where it is.
     """
-    from etendue.registry import installed_stages
-    from etendue.schema import schema as make
+    from etendue.contract.registry import installed_stages
+    from etendue.pipeline.schema import schema as make
 
     document = make(installed_stages())
     if output is None:

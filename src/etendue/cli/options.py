@@ -87,7 +87,7 @@ class Given:
     nothing_left_out: bool = False
 
     def pipeline(self) -> Any:
-        from etendue.spec.pipeline import read_pipeline
+        from etendue.pipeline.file import read_pipeline
 
         return read_pipeline(self.file, overrides(self))
 

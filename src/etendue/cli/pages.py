@@ -25,7 +25,7 @@ def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -
     pictures of at most 64. Of a run that is still going on it holds what is there.
     """
     from etendue.archive import places
-    from etendue.page.report import report as write
+    from etendue.present.page.report import report as write
 
     with places.reading(place) as folder, blaming(blame, as_json) as shares:
         written = write(folder, output or Path(f"{folder.resolve().name}-report.html"), shares)
@@ -56,8 +56,8 @@ def view(place: Path | str, port: int, no_browser: bool) -> None:
     """
     from etendue.archive import places
     from etendue.errors import RequestError
-    from etendue.page.live import Live
-    from etendue.page.server import Server
+    from etendue.present.page.live import Live
+    from etendue.present.page.server import Server
 
     with places.reading(place) as folder:
         try:

@@ -50,11 +50,11 @@ def plot(
     etendue plot sweep budget                             run time, error, omissions by stage; --blame: and losses
     """
     from etendue.archive import places
-    from etendue.plots.holdings import Holdings
-    from etendue.plots.kinds import Asked, draw, kind_of, listed
-    from etendue.plots.opening import opened
-    from etendue.plots.places import read_at
-    from etendue.plots.plot import check_suffix
+    from etendue.present.plots.holdings import Holdings
+    from etendue.present.plots.kinds import Asked, draw, kind_of, listed
+    from etendue.present.plots.opening import opened
+    from etendue.present.plots.places import read_at
+    from etendue.present.plots.plot import check_suffix
 
     asked = Asked((), x, y, lines, _parts(panels), _parts(better), read_at(at))
     if output is not None:
@@ -62,7 +62,7 @@ def plot(
     with places.reading(place) as folder:
         holdings = Holdings(opened(folder))
         if listing:
-            from etendue.report.looking import plots_text
+            from etendue.present.terminal.looking import plots_text
 
             document = listed(holdings)
             say(document) if as_json else show(click.echo, "\n".join(plots_text(document)))
@@ -90,8 +90,8 @@ def _parts(text: str) -> tuple[str, ...]:
 
 def _begun_at(folder: Path) -> dict[str, Any]:
     """The axis values of the cell where the report of an archive begins, which is that of its contact sheet."""
-    from etendue.page.document import start_of
-    from etendue.page.opened import Opened
+    from etendue.present.page.document import start_of
+    from etendue.present.page.opened import Opened
 
     opened = Opened(folder)
     start = start_of(opened)

@@ -8,22 +8,7 @@ from typing import Any, NoReturn
 import click
 
 from etendue import interrupts
-from etendue.cli import (
-    beginnings,
-    catalogue,
-    compacting,
-    comparisons,
-    exports,
-    imports,
-    information,
-    measuring,
-    pages,
-    photographs,
-    plots,
-    runs,
-    stability,
-    trust,
-)
+from etendue.cli import commands
 from etendue.cli.saying import say
 from etendue.interrupts import end_now
 
@@ -41,6 +26,28 @@ class _Main(click.Group):
             end_now(141)
         except OSError as error:
             return self._refused(ctx, error)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(commands.offered())
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Its module is imported now, not before."""
+        found = commands.offered().get(cmd_name)
+        return None if found is None else commands.loaded(cmd_name, found)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """A line for each command, by what is said of it: none is imported for it."""
+        for title, rows in commands.listed():
+            with formatter.section(title):
+                formatter.write_dl(rows, col_max=44)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        name = str(args[0]) if args else ""
+        if name and not name.startswith("-") and name not in commands.offered():
+            from etendue.errors import nearest
+
+            ctx.fail(f"No such command {name!r}{nearest(name, commands.offered())}{commands.missed(name)}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         from etendue.errors import EtendueError, RequestError
@@ -92,48 +99,4 @@ class _Main(click.Group):
 @click.group(cls=_Main, context_settings=CONTEXT)
 @click.version_option(package_name="etendue")
 def main() -> None:
-    """A digital camera, from scene light to display colour, as a graph of replaceable stages.
-
-    \b
-    etendue run pipelines/smallest.toml     run it, archive it, show it
-    etendue plan pipelines/sweep.toml       what would run, before it does
-    etendue stages                          what is installed
-    etendue quantities                      what stages share: f_number, pixel_pitch, ...
-    etendue show smallest                   what is in an archive
-    etendue rerun smallest                  run it again into itself, from the archive alone
-    etendue verify smallest                 every byte as it was written? --repair mends it
-    etendue reproduce smallest              compute it again and compare, cell by cell
-    etendue diff smallest other             which cells of two archives differ, by how much, since what
-    etendue report smallest                 one HTML page to read and send on
-    etendue view smallest                   every pixel of every stage, live, in a browser
-    etendue plot smallest                   maps, curves, fronts, pictures of it; --list says which
-    etendue export smallest --dng           raw files that other converters open
-    etendue compact OLD NEW                 an archive written anew, its axes sorted
-    etendue compare FILE --axis demosaic.use   alternatives ranked, quality against run time
-    etendue quality FILE                    every camera of a sweep against the ideal one
-    etendue noise FILE                      noise behind every stage, predicted and found
-    etendue emva FILE                       a sensor measured after EMVA 1288, beside what it should be
-    etendue measure PICTURE                 a photograph of your own: MTF, noise, ColorChecker
-    etendue information FILE                bits a pixel of fine detail, and where they are lost
-    etendue losses FILE                     which stage is owed the lost contrast, SNR and colour
-    etendue accuracy FILE                   error against run time, of every knob and of combinations
-    etendue stability                       every stage where numbers are hard
-    etendue sensors                         sensors whose parameters are published
-    etendue new NAME                        a commented pipeline to begin with
-    etendue new-plugin NAME --role ROLE     a stage of your own, in a distribution that installs
-    etendue import CUBE                     a spectral cube of another program as a scene
-    etendue schema                          the form of pipeline files, for editors
-    """
-
-
-for _command in (
-    *(runs.plan, runs.run, runs.rerun, runs.archive),
-    *(catalogue.stages, catalogue.quantities, catalogue.sensors, catalogue.schema),
-    *(comparisons.compare, comparisons.quality, comparisons.noise, measuring.emva, comparisons.accuracy),
-    photographs.measure,
-    *(information.information, information.losses),
-    *(stability.stability, pages.report, pages.view, exports.export, plots.plot, compacting.compact),
-    *(beginnings.new, beginnings.new_plugin, imports.take),
-    *(trust.verify, trust.reproduce, trust.diff),
-):
-    main.add_command(_command)
+    """Any graph of replaceable stages on labelled arrays: planned, swept on Dask, archived in Zarr, shown, reproduced."""

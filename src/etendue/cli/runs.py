@@ -20,20 +20,20 @@ def _pipeline(given: Given) -> Any:
         pipeline = replace(pipeline, keep=(*pipeline.keep, *pipeline.wanted))
     if not given.nothing_left_out:
         return pipeline
-    from etendue.registry import installed_stages
-    from etendue.studies.reference import reference_of
+    from etendue.accuracy.reference import reference_of
+    from etendue.contract.registry import installed_stages
 
     return reference_of(pipeline, installed_stages()).pipeline
 
 
 def _plan(given: Given, quiet: bool, pipeline: Any = None) -> Any:
+    from etendue.contract.registry import installed_stages
     from etendue.plan.planner import make_plan
-    from etendue.registry import installed_stages
 
     pipeline = pipeline or _pipeline(given)
     if quiet or not sys.stderr.isatty():
         return make_plan(pipeline, installed_stages(), not given.nothing_left_out)
-    from etendue.report.terminal import planning
+    from etendue.present.terminal.terminal import planning
 
     with planning() as told:
         return make_plan(pipeline, installed_stages(), not given.nothing_left_out, told)
@@ -61,7 +61,7 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
         if as_json:
             say(document)
         else:
-            from etendue.report.terminal import print_plan
+            from etendue.present.terminal.terminal import print_plan
 
             show(print_plan, document)
         check_machine(made, here / made.pipeline.name, count)
@@ -115,7 +115,7 @@ def run(
     here = Path.cwd()  # a plugin may change it
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: leave out --tolerance and --nothing-left-out")
-    from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
+    from etendue.present.terminal.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.run.machine import check_scheduler
     from etendue.session import Options, check_timeout, execute
 
@@ -133,9 +133,9 @@ def run(
         outcome = execute(made, folder, options, None if quiet else TerminalProgress(made))
         measured = _measured(measurement, folder, made) if measurement and not held else None
         if held:
-            from etendue.report.global_error import held_document
-            from etendue.studies import holding
-            from etendue.studies.stating import stated_elsewhere
+            from etendue.accuracy import holding
+            from etendue.accuracy.stating import stated_elsewhere
+            from etendue.present.terminal.global_error import held_document
 
             holding.keep(held, folder)
             measured = held_document(held, stated_elsewhere(made, held.measured, held.places))
@@ -145,7 +145,7 @@ def run(
     else:
         show(print_outcome, outcome)
         if measured:
-            from etendue.report.global_error import print_global_error
+            from etendue.present.terminal.global_error import print_global_error
 
             show(print_global_error, measured)
     sys.exit(3 if outcome.failed else 0)
@@ -166,7 +166,7 @@ def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None,
     place = from_here(Path.cwd(), place)  # a plugin may change it
     from etendue.archive import places
     from etendue.archive.again import recorded
-    from etendue.report.terminal import TerminalProgress, outcome_document, print_outcome
+    from etendue.present.terminal.terminal import TerminalProgress, outcome_document, print_outcome
     from etendue.run.machine import check_scheduler
     from etendue.session import Options, check_timeout, execute
 
@@ -192,10 +192,10 @@ def _warn(made: Any, as_json: bool) -> None:
 
 def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) -> Any:
     """The tolerance that holds an error; said in front of the run."""
-    from etendue.registry import installed_stages
-    from etendue.report.global_error import say_held
-    from etendue.report.terminal import TerminalProgress
-    from etendue.studies.holding import hold
+    from etendue.accuracy.holding import hold
+    from etendue.contract.registry import installed_stages
+    from etendue.present.terminal.global_error import say_held
+    from etendue.present.terminal.terminal import TerminalProgress
 
     found = hold(pipeline, installed_stages(), asked, options=options, progress=None if quiet else TerminalProgress, archive=folder)
     for text in say_held(found):
@@ -205,9 +205,9 @@ def _held(pipeline: Any, asked: float, folder: Path, options: Any, quiet: bool) 
 
 def _measurement(made: Any, options: Any, quiet: bool) -> Any:
     """What is measured behind a run; what is wrong with it is said before anything runs."""
-    from etendue.registry import installed_stages
-    from etendue.report.terminal import TerminalProgress
-    from etendue.studies.measuring import Measurement
+    from etendue.accuracy.measuring import Measurement
+    from etendue.contract.registry import installed_stages
+    from etendue.present.terminal.terminal import TerminalProgress
 
     pipeline = replace(made.pipeline, leave_out=made.leaves_out and made.pipeline.leave_out)
     return Measurement(pipeline, installed_stages(), options=options, progress=None if quiet else TerminalProgress)
@@ -215,8 +215,8 @@ def _measurement(made: Any, options: Any, quiet: bool) -> Any:
 
 def _measured(measurement: Any, folder: Path, made: Any) -> dict[str, Any]:
     """The global errors of a run, as in ``--json``."""
-    from etendue.report.global_error import global_error_document
-    from etendue.studies.stating import stated_elsewhere
+    from etendue.accuracy.stating import stated_elsewhere
+    from etendue.present.terminal.global_error import global_error_document
 
     found = measurement.remembered(folder)
     stated = stated_elsewhere(made, found, measurement.places)
@@ -230,7 +230,7 @@ def archive(place: Path | str, as_json: bool) -> None:
     """What is in an archive: stages, variables, cells; how far a running or broken sweep is."""
     from etendue.archive import places
     from etendue.archive.describe import describe_archive
-    from etendue.report.stored import print_archive
+    from etendue.present.terminal.stored import print_archive
 
     with places.reading(place, inputs=False) as folder:
         described = places.named(describe_archive(folder), folder, place)

@@ -26,7 +26,7 @@ command = functools.partial(click.command, cls=_Command)
 
 def say(document: Any) -> None:
     """JSON on stdout. What is not known is null, what has no end is the text "inf": JSON has neither NaN nor infinity."""
-    from etendue.studies.files import finite
+    from etendue.result_files import finite
 
     with streams.results():
         click.echo(json.dumps(_printable(finite(document)), allow_nan=False))
@@ -48,15 +48,16 @@ def tell(as_json: bool, document: Any, draw: Any) -> None:
 
 @contextmanager
 def blaming(wanted: bool, silent: bool) -> Iterator[Any]:
-    """Who says what each stage of an archived camera is owed of its losses; None where nobody asks."""
+    """Who says the share of each stage in what is lost; None where nobody asks."""
     if not wanted:
         yield None
         return
-    from etendue.report.terminal import trying
-    from etendue.studies.archive_losses import losses_at
+    from etendue.plugins.shares import shares_at
+    from etendue.present.terminal.terminal import trying
 
+    found = shares_at()
     with trying(silent) as told:
-        yield lambda folder, at: losses_at(folder, at, told)
+        yield lambda folder, at: found(folder, at, told)
 
 
 def _printable(value: Any) -> Any:

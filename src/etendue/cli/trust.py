@@ -40,12 +40,12 @@ def reproduce(
     interrupts.say(UNCHANGED)
     here = Path.cwd()  # a plugin may change it
     from etendue.archive import places
-    from etendue.report.terminal import TerminalProgress
-    from etendue.report.trust import print_reproduction
+    from etendue.present.terminal.terminal import TerminalProgress
+    from etendue.present.terminal.trust import print_reproduction
     from etendue.run.machine import check_scheduler
     from etendue.session import Options
-    from etendue.studies.reproducing import document
-    from etendue.studies.reproducing import reproduce as again
+    from etendue.trust.reproducing import document
+    from etendue.trust.reproducing import reproduce as again
 
     options = Options(check_scheduler(scheduler), workers or 0, most_cells=most_cells)
     place = from_here(here, place)
@@ -70,7 +70,7 @@ def diff(first: Path | str, second: Path | str, as_json: bool) -> None:
     interrupts.say(UNCHANGED)
     from etendue.archive import places
     from etendue.archive.differences import differences, document
-    from etendue.report.trust import print_differences
+    from etendue.present.terminal.trust import print_differences
 
     with places.reading(first, inputs=False) as a, places.reading(second, inputs=False) as b:
         found = places.named(places.named(document(a, b, differences(a, b)), a, first), b, second)
@@ -110,7 +110,7 @@ def verify(
     here = Path.cwd()  # a plugin may change it
     from etendue.archive import places
     from etendue.archive.verify import sha256_of
-    from etendue.report.trust import print_repaired, print_verified, reading
+    from etendue.present.terminal.trust import print_repaired, print_verified, reading
 
     place = from_here(here, place)
     with reading(silent=quiet or as_json) as told:
@@ -122,11 +122,11 @@ def verify(
                 checked = places.named(of_verified(look(folder, told)), folder, place)
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
         else:
-            from etendue.report.terminal import TerminalProgress
+            from etendue.present.terminal.terminal import TerminalProgress
             from etendue.run.machine import check_scheduler
             from etendue.session import Options
-            from etendue.studies.repairing import document as of_repaired
-            from etendue.studies.repairing import repair as mend
+            from etendue.trust.repairing import document as of_repaired
+            from etendue.trust.repairing import repair as mend
 
             options = Options(check_scheduler(scheduler), workers or 0, accept_platform=accept_platform, most_cells=most_cells)
             sought = [here / path for path in sources]

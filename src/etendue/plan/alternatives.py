@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from etendue.contract import quantities as standard_camera
+from etendue.contract.capabilities import is_transfer
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.stage import Stage, parameters_of, writes_of
+from etendue.contract.units import as_written
 from etendue.errors import PluginError, nearest, unprintable
+from etendue.pipeline.file import StageEntry
 from etendue.plan.code import code_digest
 from etendue.plan.model import Alternative, Axis
 from etendue.plan.parameters import Unfit, expected, resolve
 from etendue.plan.request import Request
-from etendue.spec import camera as standard_camera
-from etendue.spec.capabilities import is_transfer
-from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.pipeline import StageEntry
-from etendue.spec.stage import Stage, parameters_of, writes_of
-from etendue.spec.units import as_written
 
 Entries = Mapping[str, tuple[Alternative, ...]]  # by the name of the stage
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from etendue.contract.stage import looks_at_stages
 from etendue.plan.model import CellRef, Node, Plan
-from etendue.spec.stage import looks_at_stages
 
 
 def ancestry(plan: Plan, refs: Iterable[CellRef]) -> set[CellRef]:

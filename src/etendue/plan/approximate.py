@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import Any
 
+from etendue.contract.parameter import Parameter
+from etendue.contract.stage import Stage, parameters_of
 from etendue.errors import PluginError
 from etendue.plan.asking import made
 from etendue.plan.model import Approximated
-from etendue.spec.parameter import Parameter
-from etendue.spec.stage import Stage, parameters_of
 
 
 class Seen(dict[str, Any]):

@@ -12,11 +12,11 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from etendue.contract.facts import UNKNOWN, Facts
+from etendue.contract.found import NotKnown
+from etendue.contract.grid import Grid
+from etendue.contract.stage import Stage, writes_of
 from etendue.errors import PluginError
-from etendue.spec.facts import UNKNOWN, Facts
-from etendue.spec.found import NotKnown
-from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, writes_of
 from etendue.telling import foreign, plain
 
 KNOWN_BY = ("proved", "fitted", "measured", "unknown")

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from etendue.contract import quantities as standard_camera
+from etendue.contract.parameter import Parameter
+from etendue.contract.stage import parameters_of
 from etendue.errors import nearest
 from etendue.plan.alternatives import Entries
 from etendue.plan.model import Axis
@@ -15,9 +18,6 @@ from etendue.plan.parameters import Unfit, axis_values
 from etendue.plan.quantities import Quantities
 from etendue.plan.request import Request
 from etendue.plan.sensors import SENSOR
-from etendue.spec import camera as standard_camera
-from etendue.spec.parameter import Parameter
-from etendue.spec.stage import parameters_of
 
 
 class _Target(NamedTuple):

@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from etendue.contract.capabilities import Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
+from etendue.contract.roles import Datasheet
+from etendue.contract.stage import looks, looks_at_stages, optional_ports, parameters_of, quantities_of, reads_of, writes_of
+from etendue.contract.units import same_unit
+from etendue.contract.variables import Declaration
 from etendue.errors import nearest
+from etendue.pipeline.file import StageEntry
 from etendue.plan.alternatives import Entries
 from etendue.plan.model import Alternative, Axis, Node
 from etendue.plan.request import Request
-from etendue.spec.capabilities import Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
-from etendue.spec.pipeline import StageEntry
-from etendue.spec.roles import Datasheet
-from etendue.spec.stage import looks, looks_at_stages, optional_ports, parameters_of, quantities_of, reads_of, writes_of
-from etendue.spec.units import same_unit
-from etendue.spec.variables import Declaration
 
 Bound = tuple[tuple[str, str, str], ...]  # (port, node, variable)
 Looks = tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer', 'datasheet' or variable, nodes in order)

@@ -12,8 +12,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from etendue import effects
+from etendue.contract.bounds import MOST_CELLS, beyond, number
+from etendue.contract.capabilities import Probe, Source, Summed, Transfer
+from etendue.contract.facts import UNKNOWN, Facts
+from etendue.contract.found import Found
+from etendue.contract.grid import Grid
+from etendue.contract.roles import Noisy
+from etendue.contract.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.errors import Fault, MachineError, PluginError, RequestError
+from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, leave_out, scenes
 from etendue.plan.approximate import Seen, choose, open_knobs
 from etendue.plan.forms import Form, output_grid
@@ -23,15 +30,8 @@ from etendue.plan.model import Alternative, Approximated, Cell, CellRef, LeftOut
 from etendue.plan.quantities import to_be_found
 from etendue.plan.readings import Reading, reading_of
 from etendue.plan.recipes import Recipes
-from etendue.spec.bounds import MOST_CELLS, beyond, number
-from etendue.spec.capabilities import Probe, Source, Summed, Transfer
-from etendue.spec.facts import UNKNOWN, Facts
-from etendue.spec.found import Found
-from etendue.spec.grid import Grid
-from etendue.spec.pipeline import Pipeline
-from etendue.spec.roles import Noisy
-from etendue.spec.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.telling import human_bytes, plain
+from etendue.transfer import effects
 
 BYTES_OF_A_CELL = 1300  # of a plan, in memory: benchmarks/scale.py
 

@@ -20,13 +20,13 @@ from pkgutil import iter_modules
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from etendue import discovery
+from etendue.contract.capabilities import is_transfer
+from etendue.contract.stage import Stage, per_kind
 from etendue.plan import sources
 from etendue.plan.distributions import CODE, SITES, VERSIONED, Installed, owner_of, place_of, sha256, top_of, whole
-from etendue.plan.engine import ENGINE, RANDOM_KERNELS, TRANSFER_KERNELS, only_moves
+from etendue.plan.engine import ENGINE, TRANSFER_KERNELS, only_moves
 from etendue.plan.keys import digest
-from etendue.spec.capabilities import is_random, is_transfer
-from etendue.spec.stage import Stage, per_kind
+from etendue.plugins import discovery
 
 OWN = "etendue"
 DOOR = "etendue.api"  # it only hands on: what is taken out of it is followed to where it stands
@@ -59,8 +59,6 @@ def code_of(kind: type[Stage]) -> Code:
     roots = {module for base in kind.__mro__ for module in (base.__module__, *_modules_in(vars(base).values()))}
     if is_transfer(kind):
         roots.update(TRANSFER_KERNELS)
-    if is_random(kind):
-        roots.update(RANDOM_KERNELS)
     found = _reached(roots)
     if place_of(kind.__module__) is None:  # written in a notebook
         found.sources[kind.__module__] = digest(_text_of(kind).encode())
@@ -138,7 +136,7 @@ def _step(name: str) -> _Step:
         return _Step(libraries=frozenset({VERSIONED[top]}))
     package = name.rpartition(".")[0]
     above = (package,) if rest else ()
-    if top == OWN:
+    if top in _own_tops():
         return _of_etendue(name, above)
     if name.endswith(".*"):
         place = place_of(package)
@@ -174,19 +172,32 @@ def _of_etendue(name: str, above: tuple[str, ...]) -> _Step:
     found = {name: source.digest}
     if source.beside:
         text = file.read_text(encoding="utf-8")
-        tables = (path for path in (sources.PACKAGE / "data").iterdir() if path.is_file() and path.name in text)
-        found |= {f"data/{path.name}": sources.known(path).digest for path in tables}
+        data = _top_folder(name) / "data"
+        tables = (path for path in (data.iterdir() if data.is_dir() else ()) if path.is_file() and path.name in text)
+        found |= {f"{data.parent.name}/data/{path.name}": sources.known(path).digest for path in tables}
     return _Step(found, behind=(*above, *_behind(name, file, source)))
 
 
 def _through_the_door(name: str) -> Iterator[str]:
     """Where that stands which is taken out of ``etendue.api``; all of it where the module itself is."""
     if name in ("", "spectra"):
-        yield "etendue.spectra"
+        yield "etendue_camera.spectra"
     file = _own_file(DOOR)
     for one in sources.known(file).imports if file else ():
         if name in ("", "*") or one.rpartition(".")[2] == name:
             yield one
+
+
+@cache
+def _own_tops() -> frozenset[str]:
+    """The packages of this distribution: the engine, and those of its manifests."""
+    return frozenset(
+        {OWN, *(point.value.partition(".")[0] for point in discovery.installed().points if point.dist and point.dist.name == OWN)}
+    )
+
+
+def _top_folder(module: str) -> Path:
+    return sources.PACKAGE.parent / module.partition(".")[0]
 
 
 @cache
@@ -200,7 +211,7 @@ def _own_file(module: str) -> Path | None:
 
 @cache
 def _models() -> dict[str, str]:
-    """The modules of built-in stages by the names of their classes, as ``etendue.models`` gives them."""
+    """The modules of built-in stages by the names of their classes, as ``etendue_camera.models`` gives them."""
     found = discovery.installed()
     brought = (found.first("stages", name) for name in found.names("stages"))
     places = (one.value for one in brought if one is not None and one.distribution == OWN and isinstance(one.value, str))

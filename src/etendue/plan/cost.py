@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from etendue.contract.capabilities import Summed
+from etendue.contract.grid import Grid
+from etendue.contract.parameter import Parameter
+from etendue.contract.stage import Stage, parameters_of
+from etendue.contract.variables import Declaration
 from etendue.plan.model import Cell, Node
-from etendue.spec.capabilities import Summed
-from etendue.spec.grid import Grid
-from etendue.spec.parameter import Parameter
-from etendue.spec.stage import Stage, parameters_of
-from etendue.spec.variables import Declaration
 
 LARGEST_WHOLE = 128 << 20  # a variable with wavelength above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}

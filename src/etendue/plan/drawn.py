@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from etendue.contract.capabilities import Viewed
+from etendue.contract.drawn import Drawn
+from etendue.contract.seen import flat_dims
+from etendue.contract.variables import variable
 from etendue.plan.model import Cell, Node, Plan
-from etendue.spec.capabilities import Viewed
-from etendue.spec.drawn import FLAT, Drawn
-from etendue.spec.variables import variable
-
-PATTERN = "pattern"
 
 
 def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
@@ -18,8 +17,8 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
     if not known.shown or dims[-2:] != ("y", "x"):
         return None
     black = float(_quantity(plan, cell, known.black) or 0) if known.black else 0.0
-    own = known.shown == "linear" and not set(FLAT) & set(dims)
-    pattern = str(_quantity(plan, cell, PATTERN) or "") if own else ""
+    own = known.pattern and not set(flat_dims()) & set(dims)
+    pattern = str(_quantity(plan, cell, known.pattern) or "") if own else ""
     viewed = "channel" in dims and isinstance(cell.stage, Viewed)
     white = cell.stage.viewing_white() if viewed and isinstance(cell.stage, Viewed) else None
     return Drawn.of(known, black, pattern, () if white is None else [float(value) for value in white])
@@ -27,7 +26,7 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
 
 def quantity_axes(plan: Plan, node: Node, name: str) -> tuple[int, ...]:
     """Which of a node's axes set a camera quantity on which it depends how a variable is drawn."""
-    names = {PATTERN, variable(name).black} - {""}
+    names = {variable(name).pattern, variable(name).black} - {""}
     axes = [plan.axis(dim) for dim in node.axes]
     return tuple(number for number, axis in enumerate(axes) if axis.key in names or names & axis.gives.keys())
 

@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from etendue.contract.grid import Grid, Line
 from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of
-from etendue.spec.grid import Grid, Line
 
 CRISP = 0.25  # contrast at the pixels' Nyquist frequency that a rendering has to leave: two samples a pixel leave 0.29
 SEEN = 0.5  # of the light's area: whatever lies around less than that was hardly meant to be cropped

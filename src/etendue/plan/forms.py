@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from etendue.contract.bounds import MOST_POINTS, MOST_VALUES, beyond
+from etendue.contract.grid import Coordinate, Grid, Labels
+from etendue.contract.stage import Stage
+from etendue.contract.variables import Declaration
 from etendue.errors import PluginError
 from etendue.plan import asking
-from etendue.spec.bounds import MOST_POINTS, MOST_VALUES, beyond
-from etendue.spec.grid import Coordinate, Grid, Labels
-from etendue.spec.stage import Stage
-from etendue.spec.variables import Declaration
 
 
 def output_grid(stage: Stage, declaration: Declaration, given: Grid | None, inputs: Mapping[str, Grid], looks_at: Any = ()) -> Grid:

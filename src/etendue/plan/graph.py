@@ -10,7 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from etendue.contract.names import BANDS, LOOKS, unfit_axis
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of, quantities_of
 from etendue.errors import PluginError, RequestError, nearest
+from etendue.pipeline.file import Pipeline
 from etendue.plan import asking
 from etendue.plan.alternatives import alternatives_of
 from etendue.plan.axes import resolve_axes
@@ -21,10 +25,6 @@ from etendue.plan.quantities import resolve_camera, to_be_found
 from etendue.plan.request import Request
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plan.vocabulary import check_vocabulary
-from etendue.registry import Registry
-from etendue.spec.names import BANDS, LOOKS, unfit_axis
-from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import parameters_of, quantities_of
 from etendue.telling import plain
 
 

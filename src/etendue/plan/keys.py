@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from etendue import plain_files
-from etendue.discovery import named
-from etendue.spec.found import Found
-from etendue.spec.stage import Stage, file_state, files_of, parameters_of
+from etendue.contract.found import Found
+from etendue.contract.stage import Stage, file_state, files_of, parameters_of
+from etendue.plugins.discovery import named
 
 
 def digest(data: bytes) -> str:

@@ -14,10 +14,10 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from etendue.contract.registry import Registry
+from etendue.contract.units import as_written
 from etendue.errors import Fault
-from etendue.registry import Registry
-from etendue.spec.pipeline import Pipeline
-from etendue.spec.units import as_written
+from etendue.pipeline.file import Pipeline
 
 KNOWN = Path(__file__).parents[1] / "data" / "plugins.toml"
 _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._\-]*[A-Za-z0-9])?")

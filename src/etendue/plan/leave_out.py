@@ -13,14 +13,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from etendue import effects
+from etendue.contract.capabilities import Bounded, Summed, Transfer
+from etendue.contract.facts import Facts
+from etendue.contract.grid import Grid
+from etendue.contract.roles import Noisy
+from etendue.contract.stage import Stage, reads_of, writes_of
 from etendue.plan.asking import negligible, variance_of
 from etendue.plan.model import LeftOut
-from etendue.spec.capabilities import Bounded, Summed, Transfer
-from etendue.spec.facts import Facts
-from etendue.spec.grid import Grid
-from etendue.spec.roles import Noisy
-from etendue.spec.stage import Stage, reads_of, writes_of
+from etendue.transfer import effects
 
 LEVELS = 5  # between the darkest and the brightest pixel, at which the share of a noise is looked at
 

@@ -6,10 +6,10 @@ Out: names of stages, for tables, plots and reports to say beside the figure.
 
 from __future__ import annotations
 
+from etendue.contract.capabilities import is_random
+from etendue.contract.roles import SHOT_NOISE, Datasheet
+from etendue.contract.stage import Stage, looks_at_stages
 from etendue.plan.model import Node, Plan
-from etendue.spec.capabilities import is_random
-from etendue.spec.roles import SHOT_NOISE, Datasheet
-from etendue.spec.stage import Stage, looks_at_stages
 
 
 def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from etendue.contract.capabilities import Probe, Source, Summed, Tinting, draws_anew, ends_in_sum, is_random, is_source, is_transfer
+from etendue.contract.facts import Facts
+from etendue.contract.grid import Coordinate, Grid
+from etendue.contract.stage import Stage, quantities_of, reads_of, writes_of
+from etendue.contract.variables import Declaration
+from etendue.pipeline.file import Pipeline
 from etendue.plan.numbers import Numbers
-from etendue.spec.capabilities import Probe, Source, Summed, Tinting, draws_anew, ends_in_sum, is_random, is_source, is_transfer
-from etendue.spec.facts import Facts
-from etendue.spec.grid import Coordinate, Grid
-from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, quantities_of, reads_of, writes_of
-from etendue.spec.variables import Declaration
 
 CellRef = tuple[str, tuple[int, ...]]
 

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from etendue.contract.stage import parameters_of
 from etendue.plan.cost import cell_seconds
 from etendue.plan.model import Approximated, Cell, Node
-from etendue.spec.stage import parameters_of
 
 LEAST_TOLD = 1e-3  # seconds that are worth a word
 

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from etendue import plain_files
+from etendue.contract.parameter import Parameter
+from etendue.contract.units import UnitError, as_written, to_unit
 from etendue.errors import nearest, unprintable
-from etendue.hookspecs import SPECTRA
-from etendue.spec.parameter import Parameter
-from etendue.spec.units import UnitError, as_written, to_unit
+from etendue.plugins.hookspecs import SPECTRA
 
 SMALLEST, LARGEST = 1e-30, 1e30  # sizes of numbers: their products fit 64 bits
 MOST_STEPS = 100_000

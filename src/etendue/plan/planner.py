@@ -12,8 +12,11 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any
 
+from etendue.contract.names import LOOKS
+from etendue.contract.registry import Registry
+from etendue.contract.stage import Stage, parameters_of
 from etendue.errors import Fault, PluginError, RequestError
-from etendue.guests import Guest
+from etendue.pipeline.file import Pipeline
 from etendue.plan import asking, cost, omissions
 from etendue.plan.agreement import notes_on_agreement
 from etendue.plan.cells import Choice, Told, expand
@@ -21,10 +24,7 @@ from etendue.plan.fields import notes_on_the_scene
 from etendue.plan.graph import build_graph, resolve_keep
 from etendue.plan.model import Plan
 from etendue.plan.swapped import fitted_to_overrides
-from etendue.registry import Registry
-from etendue.spec.names import LOOKS
-from etendue.spec.pipeline import Pipeline
-from etendue.spec.stage import Stage, parameters_of
+from etendue.plugins.guests import Guest
 from etendue.telling import plain
 
 INSTALLED: Mapping[str, str] = MappingProxyType({})

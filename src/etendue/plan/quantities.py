@@ -11,17 +11,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from etendue.contract import quantities as standard_camera
+from etendue.contract.found import Found
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.stage import parameters_of, writes_of
+from etendue.contract.units import as_written
 from etendue.errors import nearest
 from etendue.plan.alternatives import Entries, meaning
 from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.request import Request
 from etendue.plan.sensors import SENSOR, sensor_axis
-from etendue.spec import camera as standard_camera
-from etendue.spec.found import Found
-from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.stage import parameters_of, writes_of
-from etendue.spec.units import as_written
 
 
 class Declared(NamedTuple):

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from operator import itemgetter
 from typing import NamedTuple
 
+from etendue.contract.roles import Noisy
+from etendue.contract.stage import looks, quantities_of, reads_of
 from etendue.plan.model import Node
-from etendue.spec.roles import Noisy
-from etendue.spec.stage import looks, quantities_of, reads_of
 
 Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # the position of one cell from that of another
 

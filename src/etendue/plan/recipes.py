@@ -10,14 +10,14 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from etendue.contract.capabilities import Sampled, draws_anew, is_random
+from etendue.contract.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
 from etendue.plan import asking, words
 from etendue.plan.code import code_digest, libraries_of
 from etendue.plan.cost import too_large
 from etendue.plan.forms import Form
 from etendue.plan.keys import digest, parameters_digest, plain_text, version_of
 from etendue.plan.model import Alternative, Cell, CellRef, Node, chains, is_whole, light_of, pixel_of, scene_of
-from etendue.spec.capabilities import Sampled, draws_anew, is_random
-from etendue.spec.stage import Stage, looks, looks_at_stages, parameters_of, quantities_of, reads_of
 
 NONE: Mapping[str, str] = {}  # never written to; a mapping proxy could not be pickled
 Lines = frozenset[str]

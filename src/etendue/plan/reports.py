@@ -11,8 +11,8 @@ from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
+from etendue.contract.ports import CellReport
 from etendue.plan.model import CellRef, Plan
-from etendue.spec.ports import CellReport
 
 STATUSES = ("", "done", "left_out", "failed", "skipped", "loaded", "reused")  # '': nothing has become of it yet
 DONE, LEFT_OUT, FAILED, SKIPPED, REUSED = (STATUSES.index(name) for name in ("done", "left_out", "failed", "skipped", "reused"))

@@ -6,9 +6,9 @@ Out: faults and warnings, in the order in which they were found.
 
 from __future__ import annotations
 
+from etendue.contract.registry import Registry
 from etendue.errors import Fault
-from etendue.registry import Registry
-from etendue.spec.pipeline import Pipeline
+from etendue.pipeline.file import Pipeline
 
 
 class Request:

@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import looks_at_stages
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.sensors import SENSOR
-from etendue.registry import installed_stages
-from etendue.spec.stage import looks_at_stages
 
 
 @dataclass

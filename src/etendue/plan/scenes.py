@@ -12,13 +12,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from etendue import cache, scenes
+from etendue import cache
+from etendue.contract.capabilities import Source
+from etendue.contract.facts import Spectrum
+from etendue.contract.grid import Grid
 from etendue.plan.code import code_at, code_digest, libraries_of
 from etendue.plan.keys import key_of, parameters_for_key, version_of
-from etendue.scenes import light_of
-from etendue.spec.capabilities import Source
-from etendue.spec.facts import Spectrum
-from etendue.spec.grid import Grid
+from etendue.transfer import contents as scenes
+from etendue.transfer.contents import light_of
 
 FORM = 1  # of the file
 __all__ = ["light_of", "spectrum_of"]
@@ -30,7 +31,7 @@ _lock = threading.Lock()
 def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | None, float]:
     """What the light of a scene holds, and the seconds spent on it now."""
     grid = sorted((name, repr(grid)) for name, grid in grids.items())
-    code = [code_digest(type(source)), code_at("etendue.scenes")]
+    code = [code_digest(type(source)), code_at("etendue.transfer.contents")]
     versions = {name: version_of(name) for name in sorted(libraries_of(type(source)))}
     key = key_of({"form": FORM, "code": code, "versions": versions, "parameters": parameters_for_key(source), "grid": grid})
     with _lock:

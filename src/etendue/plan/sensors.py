@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from etendue.contract import quantities as standard_camera
+from etendue.contract.parameter import MISSING
+from etendue.contract.units import as_written
 from etendue.errors import RequestError, nearest, unprintable
+from etendue.pipeline.presets import preset, preset_names
 from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
 from etendue.plan.request import Request
-from etendue.spec import camera as standard_camera
-from etendue.spec.parameter import MISSING
-from etendue.spec.presets import preset, preset_names
-from etendue.spec.units import as_written
 
 if TYPE_CHECKING:
     from etendue.plan.quantities import Declared

@@ -45,7 +45,7 @@ class Source:
     """What is known of a file. ``imports`` are names of modules and of what is taken out of them, relative ones with their dots.
 
     ``words``: a docstring and nothing else. ``hides``: imports something that cannot be seen. ``beside``: reads files that lie beside it.
-    ``classes``: of a module that imports ``etendue.models``, every word that may be the name of one.
+    ``classes``: of a module that imports ``etendue_camera.models``, every word that may be the name of one.
     """
 
     digest: str
@@ -70,7 +70,7 @@ def _read(path: Path) -> Source:
         seen, hides = _called(tree)
         found |= seen
     words = path.name == "__init__.py" and all(isinstance(n, ast.Expr) for n in tree.body)
-    models = any(name.startswith("etendue.models") for name in found)
+    models = any(name.startswith("etendue_camera.models") for name in found)
     classes = tuple(sorted(set(_CLASS.findall(source.decode("utf-8", "replace"))))) if models else ()
     return Source(digest(source), tuple(sorted(found)), words, hides, bool(_BESIDE.search(source)), classes)
 

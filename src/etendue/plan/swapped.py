@@ -10,10 +10,10 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of
 from etendue.errors import PluginError
-from etendue.registry import Registry
-from etendue.spec.pipeline import Pipeline, StageEntry
-from etendue.spec.stage import parameters_of
+from etendue.pipeline.file import Pipeline, StageEntry
 
 
 def fitted_to_overrides(pipeline: Pipeline, registry: Registry) -> tuple[Pipeline, list[str]]:

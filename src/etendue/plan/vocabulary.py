@@ -6,12 +6,12 @@ Out: faults; none for names that this pipeline does not use.
 
 from __future__ import annotations
 
-from etendue import discovery
+from etendue.contract.stage import parameters_of, writes_of
+from etendue.contract.variables import disagree, variable
 from etendue.errors import PluginError
 from etendue.plan.alternatives import Entries
 from etendue.plan.request import Request
-from etendue.spec.stage import parameters_of, writes_of
-from etendue.spec.variables import disagree, variable
+from etendue.plugins import discovery
 
 
 def check_vocabulary(request: Request, entries: Entries) -> None:

@@ -13,10 +13,10 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass
 from typing import Any
 
+from etendue.contract.found import Found
+from etendue.contract.stage import Stage, files_of, parameters_of
 from etendue.plan.keys import canonical, digest, file_digest
 from etendue.plan.model import Cell, CellRef
-from etendue.spec.found import Found
-from etendue.spec.stage import Stage, files_of, parameters_of
 
 
 @dataclass(frozen=True)

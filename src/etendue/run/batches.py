@@ -13,17 +13,17 @@ from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from etendue.compute.bands import elsewhere
+from etendue.compute.cell import compute
+from etendue.compute.job import Job
+from etendue.compute.jobs import Jobs
+from etendue.compute.joined.segments import Result
+from etendue.compute.ownership import in_its_place
+from etendue.compute.strips import walked
+from etendue.contract.ports import CellReport
 from etendue.errors import refused_by_the_machine
 from etendue.plan.model import CellRef
-from etendue.run.bands import elsewhere
-from etendue.run.cell import compute
-from etendue.run.job import Job
-from etendue.run.jobs import Jobs
 from etendue.run.order import Needs
-from etendue.run.ownership import in_its_place
-from etendue.run.segments import Result
-from etendue.run.strips import walked
-from etendue.spec.ports import CellReport
 
 TARGET_SECONDS = 0.1
 NOBODY: Mapping[CellRef, str] = MappingProxyType({})

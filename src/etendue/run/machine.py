@@ -10,12 +10,12 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from etendue.compute.tables import LARGEST_CACHE
 from etendue.errors import MachineError, RequestError, nearest
 from etendue.plan import machine
 from etendue.plan.cost import alike, cell_bytes
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.run.peak_memory import kept_bytes, peak_memory
-from etendue.run.tables import LARGEST_CACHE
 from etendue.telling import human_bytes
 
 

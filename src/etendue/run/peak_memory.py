@@ -18,21 +18,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from etendue.guests import is_guest
-from etendue.physics.light.sampling import padded_size
+from etendue.compute.job import Job
+from etendue.compute.jobs import make_jobs
+from etendue.compute.rows import has_rows
+from etendue.compute.tables import LARGEST_CACHE, LARGEST_PATTERN
+from etendue.contract.capabilities import halo_of, is_random, is_source
+from etendue.contract.stage import arguments_of
 from etendue.plan import cost
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.shown import shown_cells
-from etendue.plan.strips import has_rows
+from etendue.plugins.guests import is_guest
 from etendue.run.batches import Batch, partition
-from etendue.run.job import Job
-from etendue.run.jobs import make_jobs
 from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
-from etendue.run.tables import LARGEST_CACHE, LARGEST_PATTERN
-from etendue.spec.capabilities import halo_of, is_random, is_source
-from etendue.spec.stage import arguments_of
+from etendue.transfer.sampling import padded_size
 
 WITHOUT_BANDS = 3.0  # planes of float64 that a stage holds while it makes one band, for what it makes of all of them at once
 AROUND = 4  # times as many combinations of a sweep as there are workers are gone through

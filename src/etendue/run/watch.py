@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 
 from etendue import interrupts
-from etendue.run.ownership import abandoned
+from etendue.compute.ownership import abandoned
 
 GRACE = 3.0  # seconds in which the batches under way may end; a stage that hangs in a thread cannot be stopped
 LOOK = 0.05  # seconds between two looks for a signal

@@ -23,12 +23,12 @@ from typing import Any
 
 import cloudpickle
 
+from etendue.compute.job import Job
 from etendue.errors import EtendueError, MachineError
-from etendue.guests import Guest, in_a_worker
 from etendue.interrupts import end_now, is_ours
 from etendue.plan.model import CellRef
+from etendue.plugins.guests import Guest, in_a_worker
 from etendue.run.batches import BatchResult, run_batch
-from etendue.run.job import Job
 from etendue.run.memory import keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.watch import GRACE, Stop, Stopped

@@ -17,20 +17,20 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from etendue.compute.cell import compute, smallest
+from etendue.compute.job import Job, Looking, Walk
+from etendue.compute.joined.segments import Result
+from etendue.compute.strips import in_strips
+from etendue.contract import quantities as camera
+from etendue.contract.capabilities import Summed, Transfer, is_random, is_source, no_coordinates
+from etendue.contract.facts import Facts
+from etendue.contract.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
+from etendue.contract.ports import CellReport
+from etendue.contract.roles import Sheet
+from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
+from etendue.contract.variables import Declaration
 from etendue.plan.forms import output_grid
 from etendue.plan.model import CellRef
-from etendue.run.cell import compute, smallest
-from etendue.run.job import Job, Looking, Walk
-from etendue.run.segments import Result
-from etendue.run.strips import in_strips
-from etendue.spec import camera
-from etendue.spec.capabilities import Summed, Transfer, is_random, is_source, no_coordinates
-from etendue.spec.facts import Facts
-from etendue.spec.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
-from etendue.spec.ports import CellReport
-from etendue.spec.roles import Sheet
-from etendue.spec.stage import Stage, looks, looks_at_stages, reads_of, writes_of
-from etendue.spec.variables import Declaration
 
 Frame = tuple[int, int]
 Arrays = Mapping[str, Any]

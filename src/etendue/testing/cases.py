@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.parameters import LARGEST, SMALLEST, Unfit, resolve_file
-from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.stage import Stage, parameters_of
 
 ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
 BEYOND = (1e6, 1e30)  # where a range has no end: beyond every camera, and the largest number that a pipeline may hold

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract import quantities as camera
+from etendue.contract.capabilities import is_source
+from etendue.contract.facts import Facts
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.stage import Stage, parameters_of
+from etendue.contract.units import UnitError, parse_unit
 from etendue.plan.parameters import Unfit, resolve
-from etendue.spec import camera
-from etendue.spec.capabilities import is_source
-from etendue.spec.facts import Facts
-from etendue.spec.parameter import MISSING, Parameter
-from etendue.spec.stage import Stage, parameters_of
-from etendue.spec.units import UnitError, parse_unit
 from etendue.testing.bench import (
     CLEAR,
     FRAME,

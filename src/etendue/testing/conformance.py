@@ -13,10 +13,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from etendue.run.bands import run_bands
-from etendue.spec.capabilities import Banded, Bounded, is_source, is_transfer
-from etendue.spec.grid import Coordinate, Grid
-from etendue.spec.stage import Stage
+from etendue.compute.bands import run_bands
+from etendue.contract.capabilities import Banded, Bounded, is_source, is_transfer
+from etendue.contract.grid import Coordinate, Grid
+from etendue.contract.stage import Stage
 from etendue.testing.bench import (
     EXTREMES,
     FRAME,

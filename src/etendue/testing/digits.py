@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from etendue.compute.tables import prepared_of
+from etendue.contract.capabilities import Transfer, is_random
 from etendue.plan.parameters import SMALLEST
-from etendue.run.tables import prepared_of
-from etendue.spec.capabilities import Transfer, is_random
 from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within

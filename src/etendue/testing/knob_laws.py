@@ -10,9 +10,9 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from etendue.spec.capabilities import Sampled
-from etendue.spec.grid import Coordinate, Grid
-from etendue.spec.stage import Stage, parameters_of
+from etendue.contract.capabilities import Sampled
+from etendue.contract.grid import Coordinate, Grid
+from etendue.contract.stage import Stage, parameters_of
 from etendue.testing.bench import Bench, LawBroken
 from etendue.testing.checks import along_ladder
 from etendue.testing.mean_checks import check_mean

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from etendue.compute.cell import compute
+from etendue.compute.joined.segments import Result
+from etendue.contract.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.plan.model import CellRef
-from etendue.run.cell import compute
-from etendue.run.segments import Result
-from etendue.spec.capabilities import Sampled, is_random, mean_arguments_of, rounds
 from etendue.testing.bench import Bench, LawBroken
 from etendue.testing.measured import hold
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.plan.strips import has_rows
-from etendue.spec.capabilities import halo_of
+from etendue.compute.rows import has_rows
+from etendue.contract.capabilities import halo_of
 from etendue.testing.bench import FRAME, PRECISIONS, Bench, LawBroken, digests
 from etendue.testing.measured import hold
 

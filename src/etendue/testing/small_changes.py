@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.stage import parameters_of
 from etendue.plan.parameters import SMALLEST
-from etendue.spec.stage import parameters_of
 from etendue.testing.bench import Arrays, Bench, Trial, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from etendue.run.tables import prepared_of
-from etendue.spec.capabilities import Transfer, ends_in_sum
+from etendue.compute.tables import prepared_of
+from etendue.contract.capabilities import Transfer, ends_in_sum
 from etendue.testing.bench import EDGES, Bench
 from etendue.testing.measured import hold, within
-from etendue.transfers import Product
+from etendue.transfer.products import Product
 
 
 def check_transfer(bench: Bench) -> None:

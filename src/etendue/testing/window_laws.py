@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from etendue.physics.sensor import cfa
-from etendue.plan.strips import has_rows
-from etendue.spec import camera
-from etendue.spec.capabilities import draws_anew, halo_of, is_transfer
-from etendue.spec.grid import Coordinate, Line
-from etendue.spec.variables import Declaration
+from etendue.compute.rows import has_rows
+from etendue.contract import quantities as camera
+from etendue.contract import seen
+from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
+from etendue.contract.grid import Coordinate, Line
+from etendue.contract.seen import Pattern
+from etendue.contract.variables import Declaration
 from etendue.testing.bench import Bench, Frame, full_scale
 from etendue.testing.measured import hold, ratio_of, within
 
@@ -38,11 +39,11 @@ class WindowLaws:
         bench = self.bench
         if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
             return
-        mask, halo = _mask(bench), halo_of(bench.stage)
-        down, across = (-(-(AT_LEAST + 2 * (halo or 0)) // period) * period for period in mask.period)
-        frame, whole = (down, across), (down + mask.period[0], across + mask.period[1])
+        pattern, halo = _pattern(bench), halo_of(bench.stage)
+        down, across = (-(-(AT_LEAST + 2 * (halo or 0)) // period) * period for period in pattern.period)
+        frame, whole = (down, across), (down + pattern.period[0], across + pattern.period[1])
         for what in ("even colours", "a picture") if halo is not None else ("even colours",):
-            inputs = {port: _array(bench, port, what, mask, whole) for port in bench.reads}
+            inputs = {port: _array(bench, port, what, pattern, whole) for port in bench.reads}
             full = bench.run(inputs, frame=whole)
             for first in FIRST if full.done else ():
                 cut = {port: _cut(array, bench.reads[port], first, frame) for port, array in inputs.items()}
@@ -100,19 +101,19 @@ def _pixel_by_pixel(bench: Bench) -> bool:
     return bool(read and written) and len(places) == 1
 
 
-def _mask(bench: Bench) -> cfa.Mask:
-    return cfa.read(str(getattr(bench.stage, "pattern", camera.declared("pattern").default)))
+def _pattern(bench: Bench) -> Pattern:
+    return seen.pattern(str(getattr(bench.stage, "pattern", camera.declared("pattern").default)))
 
 
-def _array(bench: Bench, port: str, what: str, mask: cfa.Mask, frame: Frame) -> Any:
+def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
     """An input of the whole sensor; of even colours a mosaic has that of its mask at every pixel, and a plane one of its own."""
     declaration = bench.reads[port]
     if what == "a picture" or not has_rows(declaration.dims):
         return bench.array(port, "ordinary", frame)
     even = bench.array(port, "uniform", frame)
     if even.ndim == 2:
-        colours = dict(zip(mask.channels, itertools.cycle(COLOURS), strict=False))
-        tile = np.array([[colours[letter] for letter in row] for row in mask.rows])
+        colours = dict(zip(pattern.tints, itertools.cycle(COLOURS), strict=False))
+        tile = np.array([[colours[letter] for letter in row] for row in pattern.rows])
         found = even * np.tile(tile, (frame[0] // tile.shape[0], frame[1] // tile.shape[1]))
     else:
         found = even * np.resize(COLOURS, even.shape[:-2])[..., None, None]

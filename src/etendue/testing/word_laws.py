@@ -12,16 +12,16 @@ import math
 import pickle
 from typing import Any
 
-from etendue import discovery
+from etendue.contract import variables
+from etendue.contract.capabilities import Probe, is_source, is_transfer
+from etendue.contract.facts import UNKNOWN
+from etendue.contract.grid import Grid
+from etendue.contract.stage import Stage, arguments_of, looks, looks_at_stages, parameters_of, reads_of, writes_of
+from etendue.contract.units import same_unit
 from etendue.errors import PluginError
 from etendue.plan import asking
 from etendue.plan.asking import lacking
-from etendue.spec import variables
-from etendue.spec.capabilities import Probe, is_source, is_transfer
-from etendue.spec.facts import UNKNOWN
-from etendue.spec.grid import Grid
-from etendue.spec.stage import Stage, arguments_of, looks, looks_at_stages, parameters_of, reads_of, writes_of
-from etendue.spec.units import same_unit
+from etendue.plugins import discovery
 from etendue.testing.bench import FRAME, ODD_FRAMES, Bench, LawBroken
 from etendue.testing.checks import check_parameter
 from etendue.testing.measured import hold

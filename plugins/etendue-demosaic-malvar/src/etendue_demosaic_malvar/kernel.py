@@ -18,8 +18,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.physics.mosaic.bilinear import bilinear
-from etendue.physics.sensor.cfa import COLOURS, phase
+from etendue_camera.mosaic.bilinear import bilinear
+from etendue_camera.sensor.cfa import COLOURS, phase
 
 MARGIN = 2  # the kernels reach two samples far
 
@@ -33,7 +33,7 @@ def malvar(mosaic: NDArray, pattern: str) -> NDArray:
     ----------
     mosaic : (y, x) array, any unit
     pattern : str
-        One of `etendue.physics.sensor.cfa.BAYER`.
+        One of `etendue_camera.sensor.cfa.BAYER`.
 
     Returns
     -------

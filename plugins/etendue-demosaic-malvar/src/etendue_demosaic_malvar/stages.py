@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Haloed, quantity
-from etendue.physics.sensor import cfa
+from etendue_camera.sensor import cfa
 from etendue_demosaic_malvar.kernel import MARGIN, malvar
 
 

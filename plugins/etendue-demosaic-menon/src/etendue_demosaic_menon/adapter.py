@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.physics.mosaic.bilinear import bilinear
+from etendue_camera.mosaic.bilinear import bilinear
 
 SMALLEST = 6  # a side that holds the filters of the package; smaller ones are mirrored
 MARGIN = 6  # even, so that the pattern stays
@@ -48,7 +48,7 @@ def menon(mosaic: NDArray, pattern: str, refine: bool = True) -> NDArray:
     ----------
     mosaic : (y, x) array, any unit
     pattern : str
-        One of `etendue.physics.sensor.cfa.BAYER`.
+        One of `etendue_camera.sensor.cfa.BAYER`.
     refine : bool
         Whether the method's last step, which smooths the differences along the chosen direction, is taken.
 

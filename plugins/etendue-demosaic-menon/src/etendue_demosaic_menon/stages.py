@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from etendue.api import RGB, Haloed, param, quantity
-from etendue.physics.sensor import cfa
+from etendue_camera.sensor import cfa
 from etendue_demosaic_menon.adapter import REACH, implementation, menon
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from etendue.physics.field.psf_bank import PsfBank
+from etendue_camera.field.psf_bank import PsfBank
 from etendue_lens_optiland import pupil
 from etendue_lens_optiland.lens import Lens
 

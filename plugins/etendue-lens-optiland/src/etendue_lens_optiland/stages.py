@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Labels, Stage, file_state, param, quantity
-from etendue.physics.field import blur, warp
+from etendue_camera.field import blur, warp
 from etendue_lens_optiland import banks, pupil
 from etendue_lens_optiland.lens import AIMING, FOCUS, Lens, open_lens
 

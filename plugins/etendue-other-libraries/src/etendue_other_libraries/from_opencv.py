@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from etendue.api import RGB, Stage, param, quantity
-from etendue.physics.sensor import cfa
+from etendue_camera.sensor import cfa
 from etendue_other_libraries.codes import Codes
 
 MARGIN = 8  # even, so that the mask keeps its order

@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from etendue.contract.stage import Stage
 from etendue.errors import MachineError, shortened
 from etendue.plan.code import code_digest
 from etendue.plan.keys import version_of
 from etendue.run.memory import keep_freed_memory
-from etendue.spec.stage import Stage
 from etendue.telling import said
 
 Platform = Callable[[], Mapping[str, Any]]  # what bits depend on, of the process that asks

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Set
 from typing import Any
 
+from etendue.compute.job import Job
 from etendue.errors import MachineError
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch
 from etendue.run.cluster.alike import Common
 from etendue.run.cluster.tasks import as_bytes, compute, joined
 from etendue.run.cluster.watching import Watching
-from etendue.run.job import Job
 
 
 class Suspects:

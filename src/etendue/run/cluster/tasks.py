@@ -12,12 +12,12 @@ from typing import Any
 
 import cloudpickle
 
-from etendue.guests import Guest
+from etendue.compute.job import Job
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
+from etendue.plugins.guests import Guest
 from etendue.run.batches import NOBODY, BatchResult, run_batch
 from etendue.run.cluster.alike import Common, be_alike
-from etendue.run.job import Job
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.workers import unfit
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from etendue.physics.sensor import photodiode, silicon
+from etendue_camera.sensor import photodiode, silicon
 from naive import stages
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from etendue.api import Noisy, Stage, Transfer, param
-from etendue.physics.sensor import silicon
+from etendue_camera.sensor import silicon
 
 IRRADIANCE = {"irradiance": "wavelength y x [W m-2 nm-1]"}
 

@@ -1,0 +1,1 @@
+"""Error against run time: errors measured against the reference, settings that hold a tolerance."""

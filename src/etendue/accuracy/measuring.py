@@ -1,0 +1,316 @@
+"""Global errors, measured: what everything that was left out or approximated does to the variables that are wanted.
+
+In:  a pipeline.
+Out: for every wanted variable how far it is from the reference (`reference`), on some cells of the sweep (`pilot`).
+
+Both runs are of expected values: samplers give their mean and nothing is rounded (`Sampled`). An error d in front of rounding by q is
+sqrt(d q) behind it, and two draws differ by their noise, so nothing else is well posed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from etendue.accuracy.differences import Difference, difference
+from etendue.accuracy.pilot import MOST, chosen_places, narrowed
+from etendue.accuracy.reference import Knob, Reference, reference_of, with_settings
+from etendue.archive.remembered import recall, remember
+from etendue.contract.capabilities import has_no_mean
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of
+from etendue.contract.variables import variable as known
+from etendue.errors import RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.ancestry import behind
+from etendue.plan.graph import build_graph
+from etendue.plan.keys import digest
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.planner import make_plan
+from etendue.result_files import finite
+from etendue.session import Collected, Options, collect
+
+FORM = 1  # of what is remembered: another number, and it is measured again
+LEFT_OUT, PRECISION = "left out", "precision"
+Wanted = tuple[str, str]  # stage and variable
+
+
+@dataclass(frozen=True)
+class GlobalError:
+    """Of one wanted variable, of the worst cell that was measured. None: not known, and ``why``.
+
+    ``how`` is ``measured``, ``unknown``, or ``unknown below`` a number: so much the reference itself may be wrong by. ``below`` is how
+    far the last refinement of the reference moves it. ``rms`` is over the picture, ``max`` of the largest pixel, both relative to
+    ``scale``; ``linear`` is (rms, max) of an encoded variable in front of its encoding.
+    """
+
+    rms: float | None
+    max: float | None
+    scale: float | None
+    how: str
+    at: Mapping[str, Any] = field(default_factory=dict)
+    linear: tuple[float | None, float | None] | None = None
+    why: str = ""
+    below: float = 0.0  # so much the reference itself may be wrong by
+
+    def held(self, tolerance: float, norm: str = "rms") -> bool | None:
+        """Whether it is within a tolerance; None where that is not known, or the reference is in doubt by as much."""
+        value = self.rms if norm == "rms" else self.max
+        if value is None or (value <= tolerance and self.below > tolerance):
+            return None
+        return value <= tolerance
+
+
+@dataclass(frozen=True)
+class Measured:
+    """``errors`` by the variable's name (with its stage in front where two stages write a variable of that name)."""
+
+    errors: dict[str, GlobalError]
+    cells: int  # places of the sweep
+    seconds: float  # thread time of the runs
+    remembered: bool = False  # from an earlier run
+
+    def document(self) -> dict[str, Any]:
+        """As it is remembered."""
+        errors = {name: {**asdict(error), "at": dict(error.at)} for name, error in self.errors.items()}
+        return {"errors": errors, "cells": self.cells, "seconds": self.seconds}
+
+    @property
+    def worst(self) -> float | None:
+        """The largest rms error that is known."""
+        return max((e.rms for e in self.errors.values() if e.rms is not None), default=None)
+
+
+def from_document(document: Mapping[str, Any]) -> Measured | None:
+    """What was remembered; None where it has another form."""
+    try:
+        errors = {
+            str(name): GlobalError(**{**own, "linear": None if own["linear"] is None else tuple(own["linear"])})
+            for name, own in document["errors"].items()
+        }
+        return Measured(errors, int(document["cells"]), float(document["seconds"]), remembered=True)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def measure(
+    pipeline: Pipeline, registry: Registry, cells: int = MOST, options: Options | None = None, progress: Any = None,
+    archive: Path | None = None,
+) -> Measured:  # fmt: skip
+    """The global error of every wanted variable of a pipeline, on so many places of its sweep.
+
+    ``archive``: where it is remembered: what depends on nothing that has changed is not measured again.
+    """
+    measurement = Measurement(pipeline, registry, cells, options, progress)
+    return measurement.errors() if archive is None else measurement.remembered(archive)
+
+
+class Measurement:
+    """A pipeline beside its reference, which is computed once for any number of tolerances.
+
+    Parameters
+    ----------
+    pipeline : as read
+    registry : of installed stages
+    cells : places of the sweep at most
+    options : how the runs are done
+    progress : ``plan -> Progress``, or None
+    reference : another reference than that of all knobs which the file does not write
+    also : variables (stage, name) that are measured though nobody wants them
+    """
+
+    def __init__(
+        self, pipeline: Pipeline, registry: Registry, cells: int = MOST, options: Options | None = None, progress: Any = None,
+        reference: Reference | None = None, also: tuple[Wanted, ...] = (),
+    ) -> None:  # fmt: skip
+        self.also = also
+        self.registry, self.options, self.progress = registry, options or Options(), progress
+        graph = build_graph(pipeline, registry)
+        self.places = chosen_places(graph.axes, cells)
+        self.pipeline = narrowed(pipeline, graph.axes, self.places)
+        if reference is None:
+            reference = self.possible(reference_of(self.pipeline, registry))
+        else:
+            reference = replace(
+                reference, pipeline=narrowed(reference.pipeline, graph.axes, self.places),
+                coarser=reference.coarser and narrowed(reference.coarser, graph.axes, self.places),
+            )  # fmt: skip
+        self.reference = reference
+        self.seconds = 0.0
+
+    def plan(self, pipeline: Pipeline, computed: frozenset[str] = frozenset()) -> Plan:
+        return make_plan(pipeline, self.registry, expected=True, computed=computed)
+
+    def possible(self, reference: Reference) -> Reference:
+        """The reference; a knob whose best setting its stage refuses in this camera stands at the best that it takes.
+
+        Raises
+        ------
+        RequestError
+            The pipeline itself is wrong.
+        """
+        try:
+            self.plan(reference.pipeline)
+            return reference
+        except RequestError:
+            self.plan(self.pipeline)  # the camera's own faults
+        return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
+
+    def within(self, knob: Knob) -> Knob:
+        """A knob with those of its settings that its stage takes; where the best is not among them, its reference is a finite one."""
+        for count in range(len(knob.settings), 0, -1):
+            try:
+                self.plan(with_settings(self.pipeline, {(knob.stage, knob.use, knob.name): knob.settings[count - 1]}))
+            except RequestError:
+                continue
+            whole = count == len(knob.settings)
+            return knob if whole else replace(knob, settings=knob.settings[:count], closed_form=False)
+        return replace(knob, settings=())
+
+    @cached_property
+    def exact(self) -> Plan:
+        """The plan of the reference."""
+        return self.plan(self.reference.pipeline)
+
+    @cached_property
+    def truth(self) -> Collected:
+        return self.run(self.exact)
+
+    @cached_property
+    def coarser(self) -> tuple[Plan, Collected] | None:
+        """The reference one refinement below itself, where a knob of it ends in a finite setting."""
+        if self.reference.coarser is None:
+            return None
+        plan = self.plan(self.reference.coarser)
+        return plan, self.run(plan)
+
+    def run(self, plan: Plan) -> Collected:
+        """The wanted variables of a plan at every place, and what stands in front of those that are encoded."""
+        found = collect(plan, self.asked(plan), self.options, self.progress(plan) if self.progress else None)
+        self.seconds += sum(report.seconds for report in found.reports.values())
+        return found
+
+    def measured(self, plan: Plan) -> tuple[Wanted, ...]:
+        """What is measured of a plan."""
+        return tuple(dict.fromkeys((*plan.wanted, *self.also)))
+
+    def asked(self, plan: Plan) -> dict[CellRef, set[str]]:
+        asked: dict[CellRef, set[str]] = {}
+        for stage, name in self.measured(plan):
+            for ref, _ in self.cells_of(plan, stage):
+                asked.setdefault(ref, set()).add(name)
+                linear = in_front(plan, ref, name)
+                if linear:
+                    asked.setdefault(linear[0], set()).add(linear[1])
+        return asked
+
+    def cells_of(self, plan: Plan, stage: str) -> list[tuple[CellRef, Mapping[str, Any]]]:
+        """The cells of a stage at the places, each once, and their axis values."""
+        axes = [plan.axis(dim) for dim in plan.node(stage).axes]
+        found: dict[CellRef, Mapping[str, Any]] = {}
+        for place in self.places:
+            ref = (stage, tuple(axis.values.index(place[axis.dim]) for axis in axes))
+            found.setdefault(ref, {axis.key: place[axis.dim] for axis in axes})
+        return list(found.items())
+
+    def errors(
+        self, tolerance: float | None = None, settings: Mapping[tuple[str, str, str], Any] = {}, computed: frozenset[str] = frozenset(),
+        precision: str | None = None,
+    ) -> Measured:  # fmt: skip
+        """The global errors as planned: with another local tolerance, with knobs written in, with stages that are not left out."""
+        pipeline = with_settings(self.pipeline, settings)
+        pipeline = replace(
+            pipeline, tolerance=pipeline.tolerance if tolerance is None else tolerance, precision=precision or pipeline.precision
+        )
+        before = self.seconds
+        plan = self.plan(pipeline, computed)
+        return self.compared(plan, self.run(plan), before)
+
+    def compared(self, plan: Plan, found: Collected, before: float = 0.0) -> Measured:
+        """A run of this plan, held against the reference."""
+        errors, truth, coarser = {}, self.truth, self.coarser
+        unknown = behind(plan, (node.name for node in plan.nodes if any(has_no_mean(a.kind) for a in node.alternatives)))
+        names = [name for _, name in plan.wanted]
+        for stage, name in self.measured(plan):
+            own = self._error(plan, stage, name, found, truth, coarser)
+            if stage in unknown:
+                who = ", ".join(n.name for n in plan.nodes if n.name in unknown and any(has_no_mean(a.kind) for a in n.alternatives))
+                own = GlobalError(None, None, own.scale, "unknown", own.at, None, f"{who} draws or rounds, and does not say its mean")
+            plain = names.count(name) == 1 and (stage, name) in plan.wanted
+            errors[name if plain else f"{stage}.{name}"] = own
+        return Measured(errors, len(self.places), self.seconds - before)
+
+    def _error(self, plan: Plan, stage: str, name: str, found: Collected, truth: Collected, coarser: Any) -> GlobalError:
+        """The worst cell of one variable."""
+        worst: tuple[Difference, CellRef, Mapping[str, Any]] | None = None
+        doubt = self.own_error_behind(stage)
+        for ref, at in self.cells_of(plan, stage):
+            own = _difference(plan, found, self.exact, truth, ref, name)
+            if own.rms is None:
+                return GlobalError(None, None, None, "unknown", at, None, own.why)
+            if coarser is not None:
+                other = _difference(coarser[0], coarser[1], self.exact, truth, ref, name)
+                doubt = max(doubt, float("inf") if other.rms is None else other.rms)
+            if worst is None or own.rms > (worst[0].rms or 0.0):
+                worst = own, ref, at
+        assert worst is not None
+        rms, largest = worst[0].rms, worst[0].largest
+        how = "measured" if doubt <= 0.1 * max(plan.pipeline.tolerance, rms or 0.0) else f"unknown below {doubt:.1g}"
+        linear = in_front(plan, worst[1], name)
+        beside = _difference(plan, found, self.exact, truth, *linear) if linear else None
+        return GlobalError(rms, largest, worst[0].scale, how, worst[2], (beside.rms, beside.largest) if beside else None, below=doubt)
+
+    def own_error_behind(self, stage: str) -> float:
+        """What stages in front state of their own error that no reference betters: so much the reference itself may be wrong by."""
+        plan, found = self.exact, 0.0
+        for node in plan.nodes:
+            dear = any(p.dear for one in node.alternatives for p, _, _ in parameters_of(one.kind).values())
+            if dear and stage in behind(plan, [node.name]):
+                found = max([found, *(cell.error[0] for cell in plan.of(node.name) if cell.error[0] is not None and not cell.left_out)])
+        return found
+
+    def remembered(self, archive: Path) -> Measured:
+        """The errors as planned; what an archive remembers of the same cells is not measured again."""
+        key = self.key()
+        known = from_document(recall(archive, key) or {})
+        if known is not None:
+            return known
+        found = self.errors()
+        remember(archive, key, finite(found.document()))
+        return found
+
+    def key(self) -> str:
+        """What a measurement depends on: the keys of all cells that are held against each other."""
+        plans = [self.plan(self.pipeline), self.exact]
+        if self.reference.coarser is not None:
+            plans.append(self.plan(self.reference.coarser))
+        cells = [[[ref[0], list(ref[1]), plan.cells[ref].key, sorted(own)] for ref, own in self.asked(plan).items()] for plan in plans]
+        words = {"form": FORM, "tolerance": self.pipeline.tolerance, "cells": cells, "precision": plans[0].precision}
+        return digest(json.dumps(words, sort_keys=True).encode())
+
+
+def in_front(plan: Plan, ref: CellRef, name: str) -> tuple[CellRef, str] | None:
+    """Of an encoded variable what its stage encodes."""
+    cell = plan.cells[ref]
+    if known(name).shown != "encoded" or not cell.inputs or known(cell.inputs[0][2]).shown == "encoded":
+        return None
+    return cell.inputs[0][1], cell.inputs[0][2]
+
+
+def _difference(plan: Plan, found: Collected, exact: Plan, truth: Collected, ref: CellRef, name: str) -> Difference:
+    for run in (found, truth):
+        report = run.reports.get(ref)
+        if report is None or report.status not in ("done", "left_out"):
+            who, what = (
+                "the reference" if run is truth else "the cell",
+                f"{report.status}: {report.message}" if report else "was not computed",
+            )
+            return Difference(None, None, float("nan"), f"{who} {what}")
+    if plan.cells[ref].grids[name] != exact.cells[ref].grids[name]:
+        return Difference(None, None, float("nan"), "the reference stands on another grid")
+    cell = exact.cells[ref]
+    return difference(found.arrays[ref][name], truth.arrays[ref][name], exact.node(ref[0]).writes[name], cell.stage)

@@ -1,0 +1,83 @@
+"""Which cells of a sweep are measured: corners, the middle, and some places in between. The same ones whenever it is asked.
+
+In:  the axes of a pipeline, how many places at most.
+Out: places as positions on each axis; the pipeline with a sweep over the values at these places alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from etendue.pipeline.file import Pipeline
+from etendue.plan.model import Axis
+
+MOST = 8  # places, unless somebody asks for more
+_BASES = (2, 3, 5, 7, 11, 13, 17, 19)
+
+
+def places(sizes: Sequence[int], categorical: Sequence[bool] = (), most: int = MOST) -> tuple[tuple[int, ...], ...]:
+    """Positions on axes of these sizes: all where they are few, else both ends, the middle, further corners, places inside. A single one
+    is the middle.
+
+    Every value of a ``categorical`` axis (a stage that is swapped, a word) is among them, whatever ``most`` is: one says nothing of
+    another.
+    """
+    if math.prod(sizes) <= most:
+        return tuple(itertools.product(*(range(size) for size in sizes)))
+    middle = tuple(n // 2 for n in sizes)
+    chosen: dict[tuple[int, ...], None] = {}
+    varied = min(len(sizes), 8)
+    ends = [(*some, *(0,) * (len(sizes) - varied)) for some in itertools.product((0, 1), repeat=varied)]
+    corners = [tuple(end * (size - 1) for end, size in zip(one, sizes, strict=True)) for one in ends]
+    ordered = [corners[0], corners[-1], middle] if most > 1 else [middle]
+    for number in range(1, len(corners) // 2):  # each beside the one opposite to it
+        ordered += [corners[number], corners[-1 - number]]
+    for place in ordered[: max(most - max(most // 4, 1), 1)]:
+        chosen.setdefault(place)
+    number = 1
+    while len(chosen) < most and number < 64 * most:
+        chosen.setdefault(tuple(min(int(_halton(number, base) * n), n - 1) for base, n in zip(_bases(len(sizes)), sizes, strict=True)))
+        number += 1
+    for axis, size in enumerate(sizes):
+        if axis < len(categorical) and categorical[axis]:
+            for value in sorted(set(range(size)) - {place[axis] for place in chosen}):
+                chosen.setdefault((*middle[:axis], value, *middle[axis + 1 :]))
+    return tuple(chosen)
+
+
+def _bases(count: int) -> list[int]:
+    return [_BASES[i % len(_BASES)] for i in range(count)]
+
+
+def _halton(number: int, base: int) -> float:
+    share, found = 1.0, 0.0
+    while number:
+        share /= base
+        number, digit = divmod(number, base)
+        found += share * digit
+    return found
+
+
+def is_categorical(axis: Axis) -> bool:
+    return any(isinstance(value, str | bool) for value in axis.values)
+
+
+def chosen_places(axes: Sequence[Axis], most: int = MOST) -> tuple[dict[str, Any], ...]:
+    """The axis values at each place, by dim."""
+    found = places([len(a.values) for a in axes], [is_categorical(a) for a in axes], most)
+    return tuple({axis.dim: axis.values[i] for axis, i in zip(axes, place, strict=True)} for place in found)
+
+
+def narrowed(pipeline: Pipeline, axes: Sequence[Axis], chosen: Sequence[dict[str, Any]]) -> Pipeline:
+    """The pipeline with a sweep over the values at some places alone, in the order of the file."""
+    sweep = {key: written for key, written in pipeline.sweep.items() if key in {axis.key for axis in axes}}
+    for axis in axes:
+        needed = {place[axis.dim] for place in chosen}
+        numbers = [i for i, value in enumerate(axis.values) if value in needed]
+        written = sweep[axis.key]
+        sweep[axis.key] = [written[i] for i in numbers] if isinstance(written, list | tuple) else [axis.values[i] for i in numbers]
+    return replace(pipeline, sweep=sweep)

@@ -1,0 +1,145 @@
+"""The reference of a pipeline: every knob at its best setting, nothing left out, 64 bits.
+
+In:  a pipeline, the registry.
+Out: the same pipeline with the knobs written in; what each knob was set to, and which of them end in a finite setting.
+
+Values that stand in the file (or are set, or swept) are the model, no knobs. So is the drawing of the scene (``Parameter.studied``): its
+samples and bands are those of the light that is stored.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of
+from etendue.errors import PluginError
+from etendue.pipeline.file import Pipeline, StageEntry
+
+Name = tuple[str, str]  # stage of the pipeline, parameter
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A fidelity parameter of a stage of a pipeline."""
+
+    stage: str
+    use: str
+    name: str
+    settings: tuple[Any, ...]  # from the cheapest to the reference; () where it has no order
+    closed_form: bool  # the reference is no finite setting
+    value: Any  # as the file has it, else its default
+    written: bool  # in the file, by --set, or swept
+    studied: bool  # it changes a grid or what a scene shows, or its finer settings may not be had
+    units: str
+
+    @property
+    def key(self) -> str:
+        return f"{self.stage}.{self.name}" if self.stage else self.name
+
+    @property
+    def reference(self) -> Any:
+        return self.settings[-1] if self.settings else self.value
+
+    @property
+    def before_reference(self) -> Any:
+        """The setting one refinement below the reference, where that is a finite one; else the reference."""
+        return self.settings[-2] if len(self.settings) > 1 and not self.closed_form else self.reference
+
+
+@dataclass(frozen=True)
+class Reference:
+    """``pipeline`` with the knobs written in; ``coarser``: the same one refinement below, None where every reference is a closed form."""
+
+    pipeline: Pipeline
+    knobs: tuple[Knob, ...]
+    coarser: Pipeline | None
+
+    @property
+    def without_order(self) -> tuple[str, ...]:
+        """Knobs whose settings have no order: they stay as they are."""
+        return tuple(knob.key for knob in self.knobs if not knob.settings)
+
+
+def knobs_of(pipeline: Pipeline, registry: Registry) -> tuple[Knob, ...]:
+    """Every fidelity parameter of every stage, those of stages that a sweep swaps in too."""
+    found = []
+    for entry in pipeline.stages:
+        for use, values in _uses(pipeline, entry):
+            if use not in registry:
+                continue  # a fault that the planner names
+            try:
+                declared = parameters_of(registry.load(use))
+            except PluginError:
+                continue
+            for name, (parameter, _, default) in declared.items():
+                if parameter.fidelity and not parameter.camera and default is not MISSING:
+                    swept = f"{entry.name}.{name}" in pipeline.sweep
+                    own = values.get(name, default)
+                    settings = ladder(parameter, default)
+                    closed = parameter.closed_form if parameter.settings else isinstance(default, str)
+                    left = parameter.studied or parameter.dear
+                    found.append(Knob(entry.name, use, name, settings, closed, own, swept or name in values, left, parameter.units))
+    return tuple(found)
+
+
+def ladder(parameter: Parameter, default: Any) -> tuple[Any, ...]:
+    """Settings from the cheapest to the reference; without declared ones a number is doubled (counts) or halved (all others) in steps."""
+    if parameter.settings or isinstance(default, str | bool) or not isinstance(default, int | float):
+        return parameter.settings
+    if isinstance(default, int):
+        steps: list[Any] = [max(default // 4, 1), max(default // 2, 1), default, 2 * default, 4 * default]
+    else:
+        steps = [4 * default, 2 * default, default, default / 2, default / 4]
+    low, high = parameter.held or (-math.inf, math.inf)
+    return tuple(dict.fromkeys(step for step in steps if parameter.allows(step) and low <= step <= high))
+
+
+def reference_of(pipeline: Pipeline, registry: Registry, knobs: Iterable[Knob] | None = None) -> Reference:
+    """The reference of a pipeline; of ``knobs`` where they are given, else of all that the file does not write."""
+    chosen = tuple(k for k in knobs_of(pipeline, registry) if not (k.written or k.studied)) if knobs is None else tuple(knobs)
+    exact = replace(pipeline, precision="float64", leave_out=False)
+    moved = [k for k in chosen if k.settings and k.before_reference != k.reference]
+    best = {(k.stage, k.use, k.name): k.reference for k in chosen if k.settings}
+    coarser = best | {(k.stage, k.use, k.name): k.before_reference for k in moved}
+    return Reference(with_settings(exact, best), chosen, with_settings(exact, coarser) if moved else None)
+
+
+def with_settings(pipeline: Pipeline, settings: Mapping[tuple[str, str, str], Any]) -> Pipeline:
+    """The pipeline with values for (stage, use, parameter) written in, in its sweep too where it swaps stages."""
+    entries, sweep = [], dict(pipeline.sweep)
+    for entry in pipeline.stages:
+        own = {name: value for (stage, use, name), value in settings.items() if (stage, use) == (entry.name, entry.use)}
+        key = f"{entry.name}.use"
+        if isinstance(sweep.get(key), list | tuple):
+            sweep[key] = [_table(entry.name, one, settings) for one in sweep[key]]
+        entries.append(replace(entry, values={**entry.values, **own}) if own else entry)
+    return replace(pipeline, stages=tuple(entries), sweep=sweep)
+
+
+def _uses(pipeline: Pipeline, entry: StageEntry) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """What may stand at an entry, each once, and the values written for it."""
+    swapped = pipeline.sweep.get(f"{entry.name}.use")
+    if not isinstance(swapped, list | tuple):
+        yield entry.use, entry.values
+        return
+    found: dict[str, dict[str, Any]] = {}
+    for one in swapped:
+        table = {"use": one} if isinstance(one, str) else one
+        if isinstance(table, dict) and isinstance(table.get("use"), str):
+            shared = entry.values if table["use"] == entry.use else {}
+            found.setdefault(table["use"], {}).update({**shared, **table})
+    yield from found.items()
+
+
+def _table(stage: str, one: Any, settings: Mapping[tuple[str, str, str], Any]) -> Any:
+    """An alternative of a sweep with the settings of its stage beside its own values."""
+    table = {"use": one} if isinstance(one, str) else one
+    if not isinstance(table, dict):
+        return one
+    own = {name: value for (at, use, name), value in settings.items() if (at, use) == (stage, table.get("use")) and name not in table}
+    return {**table, **own, "label": table.get("label", table.get("use"))} if own else one

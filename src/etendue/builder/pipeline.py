@@ -1,0 +1,325 @@
+"""A pipeline written in Python: what a pipeline file says, as a value that grows by calls.
+
+In:  placed stages, camera quantities, axes of a sweep, what is wanted.
+Out: the same pipeline as TOML, its plan, its results, the studies of it.
+"""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from etendue.builder.methods import Extended
+from etendue.builder.shown import plan_page, table_page
+from etendue.builder.stages import Placed, maker, plain
+from etendue.calls import called_methods
+from etendue.contract import quantities as camera
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import Stage
+from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline import toml
+from etendue.pipeline.file import Pipeline as Written
+from etendue.pipeline.file import Source, parse_pipeline, read_pipeline
+from etendue.pipeline.overrides import TOP, axis_name
+from etendue.plan.planner import make_plan, summary
+from etendue.run.machine import check_scheduler
+from etendue.run.peak_memory import peak_memory, workers_of
+from etendue.session import Options, execute
+
+if TYPE_CHECKING:
+    from etendue.plan.model import Plan
+    from etendue.session import Outcome
+
+APART = {"stages", "camera", "sweep", "about"}  # of the words of a pipeline file: those with methods of their own
+
+
+def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str, Any]:
+    """Values of an axis from one to another: ``span("1 um", "3 um", 5)``; ``spacing``: ``linear`` or ``log``."""
+    return {"from": first, "to": last, "steps": steps, "spacing": spacing}
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What would run: stages, cells, bytes, time, what is left out and why."""
+
+    plan: Plan
+
+    @property
+    def cells(self) -> int:
+        return len(self.plan.cells)
+
+    def document(self) -> dict[str, Any]:
+        """What ``etendue plan --json`` prints."""
+        return summary(self.plan, peak_memory(self.plan, workers_of("threads", 0)).bytes)
+
+    def __repr__(self) -> str:
+        own = self.document()
+        return f"<plan of {own['name']}: {len(own['stages'])} stages, {own['cells']} cells, about {own['seconds']:.2g} s of thread time>"
+
+    def _repr_html_(self) -> str:
+        return plan_page(self.document())
+
+
+@called_methods
+@dataclass(frozen=True)
+class Pipeline(Extended, Source):
+    """A camera from scene to display: placed stages in order, and all else a pipeline file says.
+
+    Every method gives a new pipeline and leaves the one it is called on as it is.
+
+    Parameters
+    ----------
+    *stages : ``etendue.stages.NAME(...)``, in the order of the light
+    name, seed, tolerance, ... : keys of a pipeline file
+
+    Examples
+    --------
+    >>> import etendue
+    >>> from etendue import stages as s
+    >>> made = etendue.Pipeline(s.uniform(white_luminance="100 cd m-2", width="80 um", height="80 um"), s.irradiance(), name="grey")
+    >>> made = made.camera(f_number=4).sweep(f_number=[2, 4])
+    >>> made.plan().cells
+    3
+    """
+
+    stages: tuple[Placed, ...]
+    words: Mapping[str, Any] = field(default_factory=dict)
+    quantities: Mapping[str, Any] = field(default_factory=dict)
+    axes: Mapping[str, Any] = field(default_factory=dict)
+    told: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path = Path(".")
+
+    def __init__(self, *stages: Placed, name: str = "pipeline", **words: Any) -> None:
+        faults = [Fault(f"stage {n}", _no_stage(one)) for n, one in enumerate(stages, 1) if not isinstance(one, Placed)]
+        faults += [Fault(word, _no_word(word)) for word in words if word not in TOP or word in APART]
+        if faults:
+            raise RequestError(faults)
+        object.__setattr__(self, "stages", tuple(stages))
+        object.__setattr__(self, "words", {"name": name, **{key: plain(value) for key, value in words.items()}})
+        for one in ("quantities", "axes", "told"):
+            object.__setattr__(self, one, {})
+        object.__setattr__(self, "folder", Path.cwd())
+
+    # -- made of parts ------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def read(cls, path: str | Path) -> Pipeline:
+        """The pipeline of a file, to be changed; its comments are lost. Relative paths go on to start at the file's folder."""
+        written = read_pipeline(Path(path))
+        if written.faults:
+            raise RequestError(written.located(written.faults), written.file)
+        document = tomllib.loads(written.text)
+        made = cls(name=written.name)
+        words = {key: value for key, value in document.items() if key not in APART}
+        return made._with(
+            stages=tuple(_placed(table) for table in document["stages"]), words={"name": written.name, **words},
+            quantities=document.get("camera", {}), axes=dict(written.sweep), told=document.get("about", {}),
+            folder=Path(path).parent.absolute(),
+        )  # fmt: skip
+
+    def _with(self, **parts: Any) -> Pipeline:
+        made = copy.copy(self)
+        for name, value in parts.items():
+            object.__setattr__(made, name, value)
+        return made
+
+    def add(self, *stages: Placed) -> Pipeline:
+        """Further stages behind those there are."""
+        return replaced(self, (*self.stages, *stages))
+
+    def insert(self, before: str, *stages: Placed) -> Pipeline:
+        """Stages in front of the one of a name."""
+        at = self._position(before)
+        return replaced(self, (*self.stages[:at], *stages, *self.stages[at:]))
+
+    def swap(self, name: str, stage: Placed) -> Pipeline:
+        """Another stage in the place of the one of a name, under that name."""
+        at = self._position(name)
+        if isinstance(stage, Placed):
+            stage = replace(stage, name=name)
+        return replaced(self, (*self.stages[:at], stage, *self.stages[at + 1 :]))
+
+    def remove(self, *names: str) -> Pipeline:
+        """Without the stages of these names."""
+        gone = {self._position(name) for name in names}
+        return replaced(self, tuple(one for at, one in enumerate(self.stages) if at not in gone))
+
+    def stage(self, name: str, **values: Any) -> Pipeline:
+        """Other values of parameters of the stage of a name."""
+        at = self._position(name)
+        return replaced(self, (*self.stages[:at], self.stages[at].with_values(**values), *self.stages[at + 1 :]))
+
+    def camera(self, **quantities: Any) -> Pipeline:
+        """Camera quantities, and ``sensor``: numbers in the declared unit, or texts with a unit."""
+        given = {name.removeprefix("camera__"): plain(value) for name, value in quantities.items()}
+        return self._with(quantities={**self.quantities, **given})
+
+    def sweep(self, **axes: Any) -> Pipeline:
+        """Axes: ``f_number=[2, 4]``, ``pixel_pitch=span("1 um", "3 um", 5)``, ``sharpen__strength=[0, 1]``,
+        ``demosaic__use=["demosaic_malvar", s.demosaic_residual()]``.
+        """
+        found = {}
+        for name, values in axes.items():
+            if isinstance(values, str) or not isinstance(values, Mapping | Iterable):
+                raise RequestError([Fault(f"sweep.{name}", f"expected a list of values or span(...), got {values!r}")])
+            whole = values if isinstance(values, Mapping) else [_choice(one) for one in values]
+            found[axis_name(name.replace("__", "."), self.document())] = plain(whole)
+        return self._with(axes={**self.axes, **found})
+
+    def want(self, *variables: str) -> Pipeline:
+        """The variables that are computed for: ``rgb_display``, or ``stage.variable``; what nobody needs for them does not run."""
+        return self._with(words={**self.words, "wanted": list(variables)})
+
+    def keep(self, *variables: str) -> Pipeline:
+        """What is stored; without it all that is computed is. ``looks``: pictures and figures, not the bands of light."""
+        return self._with(words={**self.words, "keep": list(variables)})
+
+    def set(self, **words: Any) -> Pipeline:
+        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; camera quantities as ``camera`` does."""
+        quantities = {word: words.pop(word) for word in [*words] if word.removeprefix("camera__") in ("sensor", *camera.names())}
+        faults = [Fault(word, _no_word(word)) for word in words if word not in TOP or word in APART]
+        if faults:
+            raise RequestError(faults)
+        return self.camera(**quantities)._with(words={**self.words, **{key: plain(value) for key, value in words.items()}})
+
+    def about(self, **words: Any) -> Pipeline:
+        """Who made it and under which licence: the table ``[about]``."""
+        return self._with(told={**self.told, **plain(words)})
+
+    def _position(self, name: str) -> int:
+        names = [one.name for one in self.stages]
+        if name not in names:
+            raise RequestError([Fault("", f"no stage of the pipeline is named {name!r}{nearest(name, names)}; it has {', '.join(names)}")])
+        return names.index(name)
+
+    # -- given on -----------------------------------------------------------------------------------------------------
+
+    def document(self) -> dict[str, Any]:
+        """What a pipeline file holds."""
+        tables = {"camera": self.quantities, "sweep": self.axes, "about": self.told}
+        own = {name: dict(table) for name, table in tables.items() if table}
+        return {**self.words, **own, "stages": [one.table() for one in self.stages]}
+
+    def to_toml(self, path: str | Path | None = None) -> str:
+        """The pipeline as the text of a file, which is written where a path is given."""
+        text = toml.dumps(self.document())
+        if path is not None:
+            Path(path).write_text(text, encoding="utf-8")
+        return text
+
+    def written(self) -> Written:
+        """The pipeline as if it had been read from a file; studies take it."""
+        return parse_pipeline(self.to_toml(), folder=self.folder)
+
+    def plan(self, leave_out: bool = True) -> Planned:
+        """What would run.
+
+        Raises
+        ------
+        RequestError
+            With every fault.
+        """
+        return Planned(make_plan(self.written(), installed_stages(), leave_out))
+
+    def run(
+        self, archive: str | Path | None = None, *, want: str | Iterable[str] | None = None, scheduler: str = "threads", workers: int = 0,
+        leave_out: bool = True, progress: bool = True, durable: bool = False,
+    ) -> Outcome:  # fmt: skip
+        """Compute what is not there yet, with a progress bar in terminals and notebooks.
+
+        Parameters
+        ----------
+        archive : a folder that is kept and resumed; None to stay in memory
+        want : variables, or one, instead of those of the pipeline
+
+        Returns
+        -------
+        Outcome
+            ``tree``: the ``xarray.DataTree`` (of an archive: opened lazily); what was computed, reused, failed.
+        """
+        from etendue.present.terminal.terminal import TerminalProgress
+
+        chosen = self if want is None else self.want(*([want] if isinstance(want, str) else want))
+        made = chosen.plan(leave_out).plan
+        outcome = execute(
+            made, archive, Options(check_scheduler(scheduler), workers, durable), TerminalProgress(made) if progress else None
+        )
+        if archive is not None:
+            import xarray
+
+            from etendue.present.plots import accessor  # noqa: F401  # tree.etendue
+
+            outcome.tree = xarray.open_datatree(Path(archive) / "data.zarr", engine="zarr")
+        return outcome
+
+    def __repr__(self) -> str:
+        chain = " -> ".join(one.name if one.name == one.use else f"{one.name} ({one.use})" for one in self.stages)
+        axes = f"; swept: {', '.join(self.axes)}" if self.axes else ""
+        return f"<pipeline {self.words['name']}: {chain or 'no stages yet'}{axes}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(one.name, one.use, ", ".join(f"{key} = {value}" for key, value in one.values.items())) for one in self.stages]
+        camera_text = ", ".join(f"{key} = {value}" for key, value in self.quantities.items())
+        axes = ", ".join(self.axes)
+        notes = [f"camera: {camera_text}"] * bool(camera_text) + [f"swept: {axes}"] * bool(axes)
+        return table_page(f"pipeline {self.words['name']}", ("stage", "use", "parameters"), rows, [escape(note) for note in notes])
+
+
+def replaced(pipeline: Pipeline, stages: tuple[Any, ...]) -> Pipeline:
+    """The same pipeline with other stages.
+
+    Raises
+    ------
+    RequestError
+        One of them is none, or two have one name.
+    """
+    faults = [Fault(f"stage {n}", _no_stage(one)) for n, one in enumerate(stages, 1) if not isinstance(one, Placed)]
+    if faults:
+        raise RequestError(faults)
+    return pipeline._with(stages=stages)
+
+
+def _placed(table: Mapping[str, Any]) -> Placed:
+    own = {key: value for key, value in table.items() if key not in ("use", "name", "from")}
+    return Placed(table["use"], own, table.get("name", table["use"]), table.get("from", {}))
+
+
+def _choice(one: Any) -> Any:
+    """A stage as a value of an axis ``STAGE__use``."""
+    if isinstance(one, Placed):
+        return {"use": one.use, **one.values} if one.values else one.use
+    return getattr(one, "__name__", one) if callable(one) else one
+
+
+def number(text: str) -> Any:
+    try:
+        return int(text)
+    except ValueError:
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
+
+def _no_stage(one: Any) -> str:
+    if callable(one):
+        return f"expected a placed stage, got the function {one!r}: call it"
+    if isinstance(one, Stage):
+        return f"expected a placed stage, got {one!r} itself: a stage of your own is installed, and then etendue.stages.NAME(...)"
+    return f"expected a placed stage such as etendue.stages.irradiance(), got {one!r}"
+
+
+def _no_word(word: str) -> str:
+    if word in APART:
+        return f"is set by the method {word}(...)" if word != "stages" else "stages are given in front, in their order"
+    if word in camera.names():
+        return f"is a camera quantity: Pipeline.camera({word}=...)"
+    return f"is no key of a pipeline{nearest(word, TOP)}"
+
+
+__all__ = ["Pipeline", "Planned", "maker", "span"]

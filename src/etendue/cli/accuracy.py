@@ -1,0 +1,63 @@
+"""The command that walks fidelity knobs: ``accuracy``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from etendue.cli import options
+from etendue.cli.saying import command, say, show
+
+
+@command("accuracy")
+@options.FILE
+@click.option(
+    "--knob", "knobs", multiple=True, metavar="STAGE.KNOB[=V,V,..]",
+    help="Try this knob, also one that the file writes, or precision; settings from the cheapest to the reference" + options.REPEAT,
+)  # fmt: skip
+@options.settings()
+@options.SWEEPS
+@options.WANT
+@options.TOLERANCE
+@click.option("--cells", default=1, show_default=True, type=click.IntRange(1), metavar="N", help="Points of the sweep; one is its middle.")
+@click.option("--repeat", default=3, show_default=True, type=click.IntRange(1), metavar="N", help="Runs of a trial; the least time counts.")
+@click.option("--trials", default=24, show_default=True, type=click.IntRange(0), metavar="N", help="Combinations at most.")
+@click.option(
+    "--verify", multiple=True, metavar="NAME=VALUE", help="Try the cheapest settings there too: scene.file=other.png" + options.REPEAT
+)  # fmt: skip
+@options.output("Table as CSV and JSON, diagram; default ./<name>-accuracy.")
+@options.JSON
+@options.gather
+def accuracy(
+    given: options.Given, as_json: bool, knobs: tuple[str, ...], cells: int, repeat: int, trials: int, verify: tuple[str, ...],
+    output: Path | None,
+) -> None:  # fmt: skip
+    """Error against run time: every fidelity knob alone, the front over combinations, the cheapest setting for a tolerance.
+
+    Every trial is held against the reference (all knobs at their best setting, nothing left out, 64 bits), both without noise and
+    rounding. Without --knob all knobs are tried that the file does not write, and precision; how the scene is drawn is tried where it is
+    asked for. The order of convergence is that of the stage's own error. Errors below the noise of one frame cannot be seen in one.
+
+    Exit codes: 0 done, 2 the request is wrong.
+    """
+    from etendue.accuracy.study import accuracy as measure
+    from etendue.contract.registry import installed_stages
+    from etendue.present.terminal.accuracy import document, files_of, print_accuracy
+    from etendue.present.terminal.terminal import trying
+    from etendue.result_files import check_folder, finite, write_whole
+
+    pipeline = given.pipeline()
+    elsewhere = replace(given, settings=(*given.settings, *verify)).pipeline() if verify else None
+    asked = options.knob_settings(knobs)
+    folder = output or Path(f"{pipeline.name}-accuracy")
+    check_folder(folder)
+    with trying(silent=as_json) as told:
+        found = measure(pipeline, installed_stages(), asked, cells, repeat, trials, told, elsewhere, dict(w.split("=", 1) for w in verify))
+    made = finite(document(found))
+    files = write_whole(folder, files_of(made))
+    if as_json:
+        say({**made, "files": [str(path) for path in files]})
+    else:
+        show(print_accuracy, made, files)

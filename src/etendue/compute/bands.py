@@ -1,0 +1,204 @@
+"""Variables too large to be held: arrays that are made one wavelength band at a time.
+
+In:  a job whose stage can work by band, and what it reads.
+Out: an object that gives band i as a plain array, whenever and as often as it is asked.
+
+A consumer that knows nothing of it may call ``numpy.asarray`` and holds the whole.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.job import Job
+from etendue.compute.ownership import for_reading, frozen, guests_of, handed
+from etendue.compute.tables import prepared_of
+from etendue.contract.capabilities import is_source
+from etendue.contract.coordinates import coordinates_of
+from etendue.contract.grid import Bands, Grid
+from etendue.contract.stage import arguments_of, reads_of
+from etendue.errors import PluginError, refused_by_the_machine
+from etendue.telling import foreign
+
+
+class Banded(ABC):
+    """A (wavelength, y, x) array that is made band by band."""
+
+    shape: tuple[int, ...]
+    dtype: Any
+    ndim = 3
+    on_demand = True  # asking for a band costs its computation
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    @property
+    def nbytes(self) -> int:
+        return self.size * int(np.dtype(self.dtype).itemsize)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    @abstractmethod
+    def __getitem__(self, band: int) -> Any:
+        """One band, (y, x)."""
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        whole = np.empty(self.shape, dtype=dtype or self.dtype)
+        for band in range(self.shape[0]):
+            whole[band] = self[band]
+        return whole
+
+
+@dataclass(eq=False)
+class StoredBands(Banded):
+    """Bands read back from where they are stored."""
+
+    job: Job
+    variable: str
+    on_demand = False
+
+    def __post_init__(self) -> None:
+        self.shape = _shape(self.job, self.variable)
+        self.dtype = np.dtype(self.job.precision)
+
+    def __getitem__(self, band: int) -> Any:
+        assert self.job.target is not None
+        with refused_by_the_machine():
+            return self.job.target.read_band(self.variable, band)
+
+
+@dataclass(eq=False)
+class StageBands(Banded):
+    """Bands made by a stage's ``run`` from the same bands of what it reads."""
+
+    job: Job
+    variable: str
+    given: Mapping[str, Any]  # by port: arrays, or bands of them
+
+    def __post_init__(self) -> None:
+        self.shape = _shape(self.job, self.variable)
+        self.dtype = np.dtype(self.job.precision)
+
+    def __getitem__(self, band: int) -> Any:
+        arrays = run_bands(self.job, self.given, slice(band, band + 1))
+        if not isinstance(arrays, Mapping) or self.variable not in arrays:
+            raise PluginError(f"{self.job.ref[0]!r} gave no {self.variable} for band {band}")
+        with foreign(f"{self.job.ref[0]!r}"):
+            plane = np.asarray(arrays[self.variable])[0]
+        if plane.shape != self.shape[1:]:
+            raise PluginError(f"{self.job.ref[0]!r} gave band {band} of {self.variable} with shape {plane.shape}, not {self.shape[1:]}")
+        plane = plane.astype(self.dtype, copy=False)
+        flat = plane.reshape(-1)
+        if not np.isfinite(np.dot(flat, flat)) and not np.isfinite(flat).all():
+            raise PluginError(f"{self.job.ref[0]!r} wrote NaN or infinite values into band {band} of {self.variable}")
+        return plane
+
+
+def _shape(job: Job, variable: str) -> tuple[int, ...]:
+    return job.grids[variable].shape(job.writes[variable].dims)
+
+
+def _cut(grid: Grid, bands: slice) -> Grid:
+    if "wavelength" not in grid:
+        return grid
+    return grid.replace(wavelength=Bands(grid.bands().edges[bands.start : bands.stop + 1]))
+
+
+def _of_bands(array: Any, dims: tuple[str, ...], bands: slice) -> Any:
+    if dims[:1] != ("wavelength",):
+        return array
+    if isinstance(array, Banded):
+        return np.stack([array[band] for band in range(bands.start, bands.stop)])
+    return array[bands]
+
+
+def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = True) -> Mapping[str, Any]:
+    """``run`` of a stage on some of its bands; without ``pixels`` on one pixel, for what has no place."""
+    stage: Any = job.stage
+    declared = reads_of(type(stage))
+    inputs = {p: _cut(g, bands) for p, g in job.input_grids.items()}
+    outputs = {v: _cut(g, bands) for v, g in job.grids.items()}
+    with foreign(f"{type(stage).__name__}.by_band"):
+        prepared = stage.by_band(prepared_of(stage, job.input_grids, job.grids), bands)
+    known = {**coordinates_of(outputs), **coordinates_of(inputs), **coordinates_of(outputs, "out_"), "prepared": prepared}
+    if not pixels:
+        known |= {name: value[:1] for name, value in known.items() if name.removeprefix("out_").split("_")[0] in ("y", "x")}
+    for port, array in given.items():
+        dims = declared[port].dims
+        if not pixels and dims[-2:] == ("y", "x"):
+            known[port] = np.zeros((bands.stop - bands.start, 1, 1), dtype=job.precision)
+            continue
+        cut = _of_bands(array, dims, bands)
+        if stage.negative != "keep" and dims[-2:] == ("y", "x") and cut.dtype.kind == "f" and cut.size and cut.min() < 0:
+            if stage.negative == "error":
+                raise PluginError(f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses")
+            cut = np.maximum(cut, 0)
+        known[port] = cut if isinstance(cut, Banded) else frozen(cut)
+    own = handed(stage, {name: for_reading(known[name]) for name in arguments_of(type(stage))})
+    with foreign(f"{type(stage).__name__}.run"), guests_of(job):
+        found: Mapping[str, Any] = stage.run(**own)
+        return found
+
+
+def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a stage writes, the large variables as bands to come, the small ones at once."""
+    arrays: dict[str, Any] = {}
+    small = [v for v in job.writes if v not in job.by_band]
+    bands = max(g.bands().size for g in job.grids.values() if "wavelength" in g)
+    if small and is_source(type(job.stage)):
+        found = job.stage.constants(prepared_of(job.stage, job.input_grids, job.grids))  # type: ignore[attr-defined]
+        arrays = {v: found[v] for v in small}
+    elif small:
+        found = run_bands(job, given, slice(0, bands), pixels=False)
+        arrays = {v: found[v] for v in small}
+    return arrays | {v: StageBands(job, v, given) for v in job.by_band}
+
+
+class Timed:
+    """Bands that are made while they are stored: the time of their making is their cell's."""
+
+    def __init__(self, bands: Banded) -> None:
+        self.bands, self.seconds = bands, 0.0
+
+    def __getitem__(self, band: int) -> Any:
+        began = time.thread_time()
+        try:
+            return self.bands[band]
+        finally:
+            self.seconds += time.thread_time() - began
+
+
+class _Elsewhere(threading.local):
+    """Thread time that a cell spends in threads beside its own."""
+
+    seconds = 0.0
+
+
+elsewhere = _Elsewhere()
+
+
+def in_order(light: Any) -> Iterator[Any]:
+    """Every band, the next one being made while this one is used."""
+
+    def made(band: int) -> tuple[Any, float]:
+        began = time.thread_time()
+        return light[band], time.thread_time() - began
+
+    with ThreadPoolExecutor(1) as ahead:
+        coming = ahead.submit(made, 0)
+        for band in range(light.shape[0]):
+            plane, seconds = coming.result()
+            elsewhere.seconds += seconds
+            if band + 1 < light.shape[0]:
+                coming = ahead.submit(made, band + 1)
+            yield plane

@@ -1,0 +1,193 @@
+"""One cell: hand plain arrays to a stage, check what it gives back, keep it.
+
+In:  a ``Job`` and the results it reads.
+Out: its ``Result`` and a ``CellReport``; a failure is a report, not an exception.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.bands import Banded, StoredBands, Timed, elsewhere, made_by_band
+from etendue.compute.form import Output, form_of
+from etendue.compute.found import with_found
+from etendue.compute.given import Clipped, arguments
+from etendue.compute.job import Job
+from etendue.compute.joined.segments import Result, transferred
+from etendue.compute.mapped import one_by_one
+from etendue.compute.ownership import as_array, for_reading, frozen, guests_of, handed, taken, undisturbed
+from etendue.contract.ports import CellReport
+from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
+from etendue.interrupts import is_ours
+from etendue.plan.model import CellRef
+from etendue.telling import plain, told
+
+
+def check(job: Job, arrays: Any, outputs: tuple[Output, ...] | None = None) -> dict[str, Any]:
+    """What a stage gave back, held against its declaration, or against some of it; floats are brought to the plan's precision."""
+    form, name = form_of(job), type(job.stage).__name__
+    if not isinstance(arrays, dict):
+        raise PluginError(f"{name}.run gave {type(arrays).__name__}, not a dict of the variables it writes")
+    if arrays.keys() != (form.writes.keys() if outputs is None else {output.variable for output in outputs}):
+        raise PluginError(f"{name}.run gave {sorted(map(str, arrays))}, but declares {sorted(job.writes)}")
+    checked, arrays = {}, dict(arrays)
+    for output in form.outputs if outputs is None else outputs:
+        variable, wanted = output.variable, output.dtype
+        array = arrays.pop(variable)
+        if type(array) is not np.ndarray:
+            if isinstance(array, Banded):
+                checked[variable] = array  # checked band by band, as it is made
+                continue
+            array = as_array(name, variable, array)
+        if array.shape != output.shape:
+            dims = output.declaration.dims
+            raise PluginError(f"{name} gave {variable} with shape {array.shape}, but declares {dims} = {output.shape}")
+        if array.dtype != wanted:
+            if wanted.kind != "f" and job.expected and array.dtype.kind == "f":
+                wanted = np.dtype(job.precision)  # a mean is not rounded
+            if wanted.kind != "f":
+                raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares {wanted}")
+            if array.dtype.kind not in "fiub":
+                raise PluginError(f"{name} gave {variable} as {array.dtype}, but declares floats")
+            array = array.astype(wanted)  # infinite values are looked for, and named, below
+        if form.transfer:  # made by the engine, or what it read where nothing is to be done
+            checked[variable] = frozen(array if array.flags.c_contiguous else array.copy(order="C"))
+            continue
+        given = {variable: array}
+        del array
+        checked[variable] = taken(given, variable)
+    return checked
+
+
+def smallest(array: Any) -> float:
+    """Smallest value of an array; NaN if any of its values is NaN or infinite."""
+    low, high = float(array.min()), float(array.max())
+    return low if np.isfinite(low) and np.isfinite(high) else float("nan")
+
+
+def finite(array: Any) -> bool:
+    """Whether no value is NaN or infinite: one pass of the sum of squares, looked at closely only where that overflows."""
+    if not array.ndim:
+        return math.isfinite(array)
+    flat = array.reshape(-1)
+    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(flat).all())
+
+
+def undefined(job: Job, arrays: Mapping[str, Any]) -> dict[str, float]:
+    """NaN for each float array that holds undefined values; refuses those that were not declared."""
+    found = {}
+    for variable, array in arrays.items():
+        if type(array) is not np.ndarray and isinstance(array, Banded):
+            continue
+        if array.dtype.kind != "f" or array.size == 0 or finite(array):
+            continue
+        if not job.writes[variable].nan:
+            bad = int(array.size - np.isfinite(array).sum())
+            raise PluginError(
+                f"{type(job.stage).__name__} wrote {bad} of {array.size} values of {variable} that are NaN or infinite; likely causes: "
+                "an input beyond the declared range, an ill-conditioned step, missing data. A stage that means it declares '[unit] nan'"
+            )
+        found[variable] = float("nan")
+    return found
+
+
+def compute(job: Job, results: Mapping[CellRef, Result], began: float | None = None) -> tuple[Result, CellReport]:
+    """Compute or load one cell. Exceptions of stages become a failed report.
+
+    ``began`` is the thread's time at the end of the cell before: reading the clock costs 5 us.
+    """
+    began = time.thread_time() if began is None else began
+    for ref in job.needs:
+        if results[ref].failed:
+            return Result(failed=results[ref].failed), CellReport(*job.ref, "skipped", message=f"{results[ref].failed} failed")
+    clipped: Clipped = []
+    elsewhere.seconds = 0.0
+    try:
+        if job.task == "load":
+            result, arrays = undisturbed(_load, job, results)
+            result.arrays, result.lowest = arrays, undefined(job, arrays)
+            return result, CellReport(*job.ref, "loaded")
+        with guests_of(job):
+            result, arrays = undisturbed(_made, job, results, clipped)
+        return kept(job, result, arrays, clipped, lambda: time.thread_time() - began + elsewhere.seconds)
+    except (MachineError, ArchiveInUse):
+        raise  # the disk's fault, or another run owns the archive now: not the stage's, ends the run
+    except BaseException as error:  # also SystemExit and the like: a stage ends nothing but its own cell
+        if is_ours(error):
+            raise
+        text = plain(str(error)) if in_words(error) else told(error)
+        return Result(failed=job.ref[0]), CellReport(*job.ref, "failed", time.thread_time() - began, message=text)
+
+
+def kept(job: Job, result: Result, arrays: dict[str, Any], clipped: Clipped, seconds_of: Callable[[], float]) -> tuple[Result, CellReport]:
+    """Store what is to be stored of a cell, and leave in its result what others read."""
+    seconds = seconds_of()
+    written: tuple[Any, ...] = ()
+    if job.target and job.store:
+        given = {v: Timed(arrays[v]) if isinstance(arrays[v], Banded) else arrays[v] for v in job.store}
+        with refused_by_the_machine():
+            written = job.target.write(given)
+        seconds += sum(array.seconds for array in given.values() if isinstance(array, Timed))
+        arrays |= {v: StoredBands(job, v) for v in job.store if isinstance(arrays[v], Banded)}
+    result.arrays = {v: arrays[v] for v in job.deliver if v in arrays} if arrays else {}
+    share, flux = (sum(values) / len(clipped) for values in zip(*clipped, strict=True)) if clipped else (0.0, 0.0)
+    status = "left_out" if job.left_out else "done"
+    floored = sum(float(np.nansum(arrays[v])) for v in form_of(job).counted if v in arrays)
+    return result, CellReport(*job.ref, status, seconds, tuple(written), clipped=share, clipped_flux=flux, floored=floored)
+
+
+def in_words(error: BaseException) -> bool:
+    """Whether an exception's text says what to do: one of ours, or a ValueError that our own code raised about a value."""
+    if isinstance(error, EtendueError):
+        return True
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    return isinstance(error, ValueError) and place is not None and place.tb_frame.f_globals.get("__name__", "").startswith("etendue.")
+
+
+def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:
+    """What the stage makes of what it reads, checked."""
+    if job.mapped and not job.left_out:
+        arrays = one_by_one(job, results, clipped, check)
+        return Result(lowest=undefined(job, arrays)), arrays
+    job = with_found(job, results)
+    transfer = form_of(job).transfer
+    if transfer:
+        result, arrays = transferred(job, results)
+    elif job.left_out:
+        sources = {variable: results[ref].arrays[variable] for _, ref, variable in job.inputs}
+        arrays = {name: sources[name] for name, declared in job.writes.items() if not declared.optional}
+        if len(arrays) < len(job.writes):  # nothing of the picture changes, but something of it is asked for
+            found = _made(replace(job, left_out=False), results, clipped)[1]
+            arrays |= {name: array for name, array in found.items() if name not in arrays}
+        return Result(lowest=undefined(job, arrays)), arrays
+    elif job.by_band:
+        given = {port: for_reading(results[ref].arrays[variable]) for port, ref, variable in job.inputs}
+        result, arrays = Result(), made_by_band(job, given)
+    else:
+        result, arrays = Result(), job.run(**handed(job.stage, arguments(job, results, clipped)))
+    if not transfer or arrays:
+        held = [arrays]
+        del arrays  # a name here would count as somebody who may change them, and all would be copied
+        arrays = check(job, held.pop())
+        result.lowest = undefined(job, arrays)
+    return result, arrays
+
+
+def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+    """A finished cell: its arrays read back, or its spectrum rebuilt from the segment's input."""
+    if job.spectrum:
+        result, _ = transferred(with_found(job, results), results)
+    else:
+        result = Result()
+    assert job.target is not None
+    with refused_by_the_machine():
+        arrays = {v: StoredBands(job, v) if v in job.by_band else job.target.read(v) for v in job.deliver}
+    return result, {v: array if isinstance(array, Banded) else frozen(array) for v, array in arrays.items()}

@@ -1,0 +1,141 @@
+"""What a stage's ``run`` is given: arrays for reading, coordinates, what was prepared, random numbers.
+
+In:  a ``Job`` and the results it reads.
+Out: arguments by name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.bands import Banded
+from etendue.compute.form import form_of
+from etendue.compute.job import Job, Looking
+from etendue.compute.joined.otf import transfers_of, weights_of
+from etendue.compute.joined.segments import Result
+from etendue.compute.ownership import for_reading, frozen
+from etendue.compute.random import philox
+from etendue.compute.tables import SensorRandom, prepared_of
+from etendue.contract.capabilities import Probe
+from etendue.contract.stage import Stage
+from etendue.errors import PluginError
+from etendue.plan.model import CellRef
+
+NOTHING = Looking()
+Clipped = list[tuple[float, float]]  # share of values that were negative, and of their flux
+
+
+def arguments(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> dict[str, Any]:
+    """Everything that ``run`` asks for, in its order."""
+    given = {port: looked_through(job, results, port, ref, variable) for port, ref, variable in job.inputs}
+    for port, array in given.items():
+        given[port] = for_reading(not_negative(job, results, port, array, clipped))
+    given |= beside(job, results)
+    return {name: given[name] for name in job.asks if name in given}
+
+
+def looked_through(job: Job, results: Mapping[CellRef, Result], port: str, ref: CellRef, variable: str) -> Any:
+    """An array that is read: looked through for what its stage refuses."""
+    result, policy = results[ref], job.stage.negative
+    array = result.arrays[variable]
+    if type(array) is not np.ndarray and isinstance(array, Banded):  # a stage that needs the whole of it
+        array = np.asarray(array)
+    if array.dtype.kind != "f" or not array.size:
+        return array
+    if job.stage.nan != "keep" and not math.isfinite(result.lowest.get(variable, 0.0)):
+        raise PluginError(
+            f"{variable} from {ref[0]!r} holds NaN or infinite values, which {job.ref[0]!r} refuses; "
+            "look for the stage that made them, or use one that declares nan = 'keep'"
+        )
+    if policy == "keep":
+        return array
+    if variable not in result.lowest:  # looked for once, and only where somebody minds
+        result.lowest[variable] = float(array.min())
+    if policy == "error" and result.lowest[variable] < 0:
+        raise PluginError(
+            f"{variable} from {ref[0]!r} holds negative values (smallest {result.lowest[variable]:.3g}), which "
+            f"{job.ref[0]!r} refuses; look for the stage that made them, or use one that keeps or clips them"
+        )
+    return array
+
+
+def not_negative(job: Job, results: Mapping[CellRef, Result], port: str, array: Any, clipped: Clipped) -> Any:
+    """An array of a port, or a slice of it, without negative values where the stage has them clipped."""
+    if job.stage.negative != "clip":
+        return array
+    _, ref, variable = next(one for one in job.inputs if one[0] == port)
+    if array.dtype.kind != "f" or not results[ref].lowest.get(variable, 0.0) < 0:
+        return array
+    below, taken, flux = clipped_figures(array)
+    total = float(flux.sum())
+    clipped.append((below / array.size, float(taken.sum()) / total if total else 0.0))
+    return frozen(np.maximum(array, 0))
+
+
+def clipped_figures(array: Any) -> tuple[int, Any, Any]:
+    """How many values are negative; what they and all values amount to in each row: sums over a frame are those over its strips."""
+    taken = -np.minimum(array, 0).sum(axis=-1, dtype=np.float64)
+    return int(np.count_nonzero(array < 0)), taken, np.abs(array).sum(axis=-1, dtype=np.float64)
+
+
+def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
+    """What ``run`` asks for beside the arrays of its ports."""
+    given: dict[str, Any] = {}
+    looking = job.looking or NOTHING
+    for port, what, pairs in looking.ports:
+        if what == "transfer":
+            given[port] = transfers_of(job)
+        elif what == "datasheet":
+            given[port] = [(name, sheet) for (name, _), sheet in zip(pairs, looking.sheets, strict=True)]
+        else:
+            grids = looking.grids[port] if isinstance(job.stage, Probe) and job.stage.with_grids else ()
+            given[port] = _Seen([(name, results[ref].arrays[what]) for name, ref in pairs], grids).given()
+    form = form_of(job)
+    special = form.special
+    if "asked" in special:
+        given["asked"] = frozenset(name for name, declared in job.writes.items() if declared.optional)
+    if "prepared" in special:
+        given["prepared"] = _prepared(job)
+    if "rng" in special:
+        given["rng"] = philox(job.seed)
+    if "rng_sensor" in special:
+        given["rng_sensor"] = SensorRandom(job.sensor_serial, next(iter(job.grids.values())), job.precision)
+    for name in form.beside:
+        if name not in given:
+            if name not in form.coordinates:
+                raise PluginError(f"{type(job.stage).__name__}.run asks for {name}, which its grids do not have")
+            given[name] = for_reading(form.coordinates[name])
+    return given
+
+
+class _Seen(Sequence[tuple[Any, ...]]):
+    """(stage name, array) of what a stage looks at, or (stage name, array, grid). Light that is made by band is made whole where it is
+    asked for: who goes from stage to stage holds that of one."""
+
+    def __init__(self, seen: list[tuple[str, Any]], grids: Sequence[Any]) -> None:
+        self.seen, self.grids = seen, grids
+
+    def given(self) -> Sequence[tuple[Any, ...]]:
+        """A list of arrays where all of them are there."""
+        return self if any(isinstance(array, Banded) for _, array in self.seen) else list(self)
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return [self[n] for n in range(*number.indices(len(self)))]
+        name, array = self.seen[number]
+        whole = for_reading(frozen(np.asarray(array)) if isinstance(array, Banded) else array)
+        return (name, whole, self.grids[number]) if self.grids else (name, whole)
+
+
+def _prepared(job: Job) -> Any:
+    """What a stage prepares; one that looks at transfer functions and prepares nothing is given the weights of the channels."""
+    if type(job.stage).prepare is not Stage.prepare or not (job.looking and job.looking.transfers):
+        return prepared_of(job.stage, job.input_grids, job.grids, form_of(job).key_of_prepared(job.stage))
+    return None if job.looking.channel_weights is None else weights_of(job.looking.channel_weights, job.looking.bands)

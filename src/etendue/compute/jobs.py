@@ -1,0 +1,294 @@
+"""A plan's cells to jobs. The owner of a run makes them.
+
+In:  a plan, the cells to compute, where each is kept.
+Out: jobs for these cells and for the stored ones they read.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Set
+from functools import cached_property
+from itertools import accumulate
+from types import MappingProxyType
+from typing import Any
+
+from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
+from etendue.compute.rows import by_band, is_large, walker
+from etendue.compute.walks import with_walks
+from etendue.contract.capabilities import Summed
+from etendue.contract.grid import Grid
+from etendue.contract.ports import Target
+from etendue.contract.roles import Sheet
+from etendue.contract.stage import looks_at_stages, reads_of
+from etendue.plan.cost import cell_seconds, too_large
+from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
+
+
+def make_jobs(
+    plan: Plan,
+    todo: Set[CellRef],
+    target: Callable[[Cell], Target | None],
+    deliver_all: bool = False,
+    show: frozenset[CellRef] = frozenset(),
+    place: Callable[[CellRef, str], Any] | None = None,
+    looks: Mapping[CellRef, Look] = MappingProxyType({}),
+) -> Mapping[CellRef, Job]:
+    """Jobs for the cells to compute and for the stored cells they read, in order.
+
+    ``deliver_all`` keeps every kept variable in memory (no archive); ``show`` marks cells whose arrays the caller
+    wants to look at; ``looks`` makes of them what it looks at, where they are made; ``place`` says where a variable is to be put that is
+    made strip by strip.
+    """
+    jobs = Jobs(plan, todo, target, deliver_all, show, looks)
+    if not jobs.any_large():
+        return jobs
+    return with_walks(dict(jobs), lambda ref: walker(plan, jobs.nodes[ref[0]], plan.cells[ref]), place)
+
+
+class Jobs(Mapping[CellRef, Job]):
+    """The jobs of a run, each made when it is asked for and kept by nobody: a sweep has many more of them than are under way.
+
+    Of every cell stands here which of its variables others read, whether they go on from its spectrum, and whether it has a job at all.
+    """
+
+    def __init__(
+        self, plan: Plan, todo: Set[CellRef], target: Callable[[Cell], Target | None], deliver_all: bool, show: frozenset[CellRef],
+        looks: Mapping[CellRef, Look],
+    ) -> None:  # fmt: skip
+        self.plan, self.todo, self.target, self.deliver_all, self.show, self.looks = plan, todo, target, deliver_all, show, looks
+        self.nodes = {node.name: node for node in plan.nodes}
+        self.kept = {node.name: tuple(v for v in node.writes if (node.name, v) in plan.kept) for node in plan.nodes}
+        self.finding = {node.name for node in plan.nodes if node.found}
+        self.number = plan.numbers.of
+        self.direct: dict[CellRef, tuple[tuple[CellRef, str], tuple[Cell, ...]]] = {}
+        self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell: the variables that others read, () of most
+        self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
+        self.spectra, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
+        self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
+        self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
+        self.looked: dict[str, tuple[Any, Looking]] = {}
+        for ref, cell in plan.cells.items():
+            if self.nodes[cell.node].segment and (found := _direct(plan, self.nodes, cell)) is not None:
+                self.direct[ref] = found
+        for ref in reversed(list(plan.cells)):
+            self._include(ref, plan.cells[ref])
+
+    def _include(self, ref: CellRef, cell: Cell) -> None:
+        """Whether a cell has a job, and what that reads: those that read it have been looked at before."""
+        number, node, computed = self.number(ref), self.nodes[ref[0]], ref in self.todo
+        read, spectrum = self.read[number], self.spectra[number]
+        if not (computed or read or spectrum):
+            return
+        self.included[number] = True
+        if not (computed or spectrum):
+            return  # stored and only read back
+        if node.is_transfer and not (self.kept[node.name] or read or spectrum or ref in self.show):
+            return  # light that nobody looks at: its readers start from the segment's input
+        joined, direct = len(node.segment) > 1, self.direct.get(ref)
+        for place, (_, source, variable) in enumerate(cell.inputs):
+            if direct is not None and place == 0:
+                self._reads(*direct[0])
+            elif joined and place == 0:
+                self.spectra[self.number(source)] = True
+            else:
+                self._reads(source, variable)
+        for word in cell.open_words:
+            self._reads(word.ref, word.variable)
+        looked = dict(cell.looks_at) if node.looks_at else {}
+        for port, what, _ in node.looks_at:
+            for source in looked.get(port, ()):
+                if not looks_at_stages(what):
+                    self._reads(source, what)
+                    continue
+                for _, finder, variable in self.plan.cells[source].found:
+                    self._reads(finder, variable)
+        for other in direct[1] if direct is not None else ():
+            for _, finder, variable in other.found:
+                self._reads(finder, variable)
+
+    def _reads(self, ref: CellRef, variable: str) -> None:
+        number = self.number(ref)
+        known = self.read[number]
+        if variable not in known:
+            self.read[number] = self.joined.setdefault((known, variable), (*known, variable))
+
+    # -- the mapping --------------------------------------------------------------------------------------------------
+
+    def __iter__(self) -> Iterator[CellRef]:
+        return (ref for ref, own in zip(self.plan.cells, self.included, strict=True) if own)
+
+    def __len__(self) -> int:
+        return sum(self.included)
+
+    def __contains__(self, ref: object) -> bool:
+        return ref in self.plan.cells and bool(self.included[self.number(ref)])  # type: ignore[arg-type]
+
+    def __getitem__(self, ref: CellRef) -> Job:
+        if ref not in self:
+            raise KeyError(ref)
+        return self._made(ref, self.target(self.plan.cells[ref]))
+
+    def _made(self, ref: CellRef, target: Target | None) -> Job:
+        number = self.number(ref)
+        plan, cell, node, computed = self.plan, self.plan.cells[ref], self.nodes[ref[0]], ref in self.todo
+        store = self.kept[node.name] if computed else ()
+        give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
+        read, spectrum = self.read[number], bool(self.spectra[number])
+        awaited, inputs = self._awaited(cell)
+        segment = None
+        if ref in self.direct:
+            (source, variable), before = self.direct[ref]
+            inputs = ((inputs[0][0], source, variable), *inputs[1:])
+            segment = Segment(None, tuple(c.stage for c in before), _found_of(before), spectrum, plan.cells[source].key)  # type: ignore[misc]
+        elif node.segment:
+            segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, spectrum=spectrum)
+        grids, input_grids = self._grids(cell)
+        seconds, bands = self._cost(node, cell)
+        return Job(
+            ref=cell.ref, task="compute" if computed else "load", stage=cell.stage, writes=node.writes,
+            grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
+            sensor_serial=str(vars(cell.stage).get("sensor_serial", "")).encode(), precision=plan.precision, store=store,
+            deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
+            seconds=seconds, by_band=bands, segment=segment,
+            looking=self._looking(cell) if cell.looks_at else None,
+            waiting=Waiting(awaited, cell.open_words, plan.pipeline.seed) if awaited or cell.open_words else None,
+            mapped=Mapped(cell.mapped, _leading(self.nodes, cell)) if cell.mapped else None, expected=plan.expected,
+            look=self.looks.get(ref),
+        )  # fmt: skip
+
+    # -- what is asked of all of them, before any is made -------------------------------------------------------------
+
+    def needs(self, ref: CellRef) -> tuple[CellRef, ...]:
+        """The cells whose results a job reads."""
+        cell, node = self.plan.cells[ref], self.nodes[ref[0]]
+        if node.segment or cell.looks_at or cell.open_words or node.name in self.finding:
+            return self._made(ref, None).needs
+        if ref not in self.todo:
+            return ()
+        return tuple(dict.fromkeys([source for _, source, _ in cell.inputs]))
+
+    def place(self, ref: CellRef) -> int:
+        """Where a job stands among all."""
+        number = self.number(ref)
+        return number if self.places is None else self.places[number]
+
+    @cached_property
+    def places(self) -> array[int] | None:
+        """By number of a cell; None where every cell has a job."""
+        return None if all(self.included) else array("i", (count - 1 for count in accumulate(self.included)))
+
+    def seconds(self, ref: CellRef) -> float:
+        """What a job is expected to take."""
+        return self._cost(self.nodes[ref[0]], self.plan.cells[ref])[0]
+
+    def any_large(self) -> bool:
+        """Whether the frame of any is not to be whole."""
+        seen: dict[tuple[int, int], None] = {}
+        for ref in self:
+            cell = self.plan.cells[ref]
+            place = id(cell.grids), id(cell.input_grids)
+            if place not in seen:
+                seen[place] = None
+                if is_large(cell.grids, cell.input_grids):
+                    return True
+        return False
+
+    def _awaited(self, cell: Cell) -> tuple[Found, Found]:
+        """Of what a cell reads, what stands for its quantities, and the rest."""
+        awaited = cell.found if cell.node in self.finding else ()
+        return awaited, cell.inputs[: len(cell.inputs) - len(awaited)]
+
+    def _grids(self, cell: Cell) -> tuple[Mapping[str, Grid], Mapping[str, Grid]]:
+        """The grids of a cell; those of the one before it where they are equal: what is the same thing is found equal at once."""
+        known = self.grids.get(cell.node)
+        if known is None or known[0] is not cell.grids or known[1] is not cell.input_grids:
+            grids, input_grids = cell.grids, cell.input_grids
+            if known is not None:
+                grids = known[0] if known[0] == grids else grids
+                input_grids = known[1] if known[1] == input_grids else input_grids
+            known = self.grids[cell.node] = grids, input_grids
+        return known
+
+    def _looking(self, cell: Cell) -> Looking:
+        """What a cell looks at; that of the cell before it where they look at the same."""
+        known = self.looked.get(cell.node)
+        if known is None or known[0] != cell.looks_at:
+            known = self.looked[cell.node] = cell.looks_at, _looking(self.plan, self.nodes, cell)
+        return known[1]
+
+    def _cost(self, node: Node, cell: Cell) -> tuple[float, tuple[str, ...]]:
+        """Seconds, and the variables made by band: found out once for cells of one class and grids."""
+        place = (node.name, type(cell.stage), id(cell.grids), id(cell.input_grids), cell.left_out is None)
+        known = self.costs.get(place)
+        if known is None:
+            known = self.costs[place] = cell_seconds(node, cell, self.plan.precision), by_band(node, cell, self.plan.precision)
+        return known
+
+
+def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
+    """Which of the dims that a cell is mapped over lead each variable that it depends on, as positions."""
+    dims = [dim for dim, _ in cell.mapped]
+    ports, found = reads_of(type(cell.stage)), {}
+    for port, ref, variable in cell.inputs:
+        whole = nodes[ref[0]].writes[variable].dims
+        lead = whole[: len(whole) - len(ports[port].dims)] if port in ports else whole
+        found[ref[0], variable] = tuple(dims.index(dim) for dim in lead)
+    for word in cell.open_words:
+        whole = nodes[word.ref[0]].writes[word.variable].dims
+        found[word.ref[0], word.variable] = tuple(dims.index(dim) for dim in whole if dim in dims)
+    return found
+
+
+def _found_of(cells: tuple[Cell, ...]) -> tuple[Found, ...]:
+    """What each of some cells awaits; () where none does."""
+    every = tuple(cell.found for cell in cells)
+    return every if any(every) else ()
+
+
+def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[CellRef, str], tuple[Cell, ...]] | None:
+    """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in front of it.
+
+    So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum over
+    wavelength is expanded.
+    """
+    node = nodes[cell.node]
+    if not node.segment or cell.segment_input is None:
+        return None
+    source, variable = cell.segment_input
+    grid = plan.cells[source].grids[variable]
+    expanded = isinstance(cell.stage, Summed) and (0 < cell.stage.terms() < grid.bands().size or cell.stage.kept() < 1)
+    if not (expanded or grid.line("y").cells or too_large(nodes[source[0]].writes[variable], grid, plan.precision)):
+        return None
+    before: list[Cell] = []
+    at = cell
+    for _ in range(len(node.segment) - 1):
+        at = plan.cells[at.inputs[0][1]]
+        if at.left_out is None:
+            before.append(at)
+    return cell.segment_input, tuple(reversed(before))
+
+
+def _looking(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> Looking:
+    """What a cell looks at: stages for transfer functions, cells and grids for variables."""
+    found: dict[str, Any] = {"ports": (), "grids": {}}
+    looked = dict(cell.looks_at)
+    for port, what, _ in nodes[cell.node].looks_at:
+        if port not in looked:
+            continue  # of an alternative
+        refs = looked[port]
+        found["ports"] += ((port, what, tuple((ref[0], ref) for ref in refs)),)
+        cells = tuple(plan.cells[ref] for ref in refs)
+        found["grids"][port] = tuple(next(iter(c.grids.values())) if looks_at_stages(what) else c.grids[what] for c in cells)
+        if what == "datasheet":
+            found["sheets"] = tuple(Sheet.of(c.stage) for c in cells)
+        if what == "transfer" and cells:
+            found["whole"] = tuple(is_whole(plan.cells, c) for c in cells)
+            found["transfers"] = tuple(c.stage for c in cells)
+            found["found"] = _found_of(cells)
+            found["bands"] = cells[0].input_grids[cells[0].inputs[0][0]].bands().edges
+            found["channel_weights"] = next((c.stage for c in cells if isinstance(c.stage, Summed)), None)
+            found["chains"] = tuple(tuple(chain) for chain in chains([c.node for c in cells], nodes))
+            found["rendered"] = scene_of(plan.cells, cells[0]).facts.rendered
+            found["light"] = next((light_of(plan.cells, c) for c in pixel_of(cells)), None)
+    return Looking(**found)

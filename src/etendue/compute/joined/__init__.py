@@ -1,0 +1,1 @@
+"""Transfer functions joined into one pass: one transform, products in frequency, one transform back."""

@@ -1,0 +1,194 @@
+"""Transfer functions as stages look at them: the product of all stages up to one, at any frequencies.
+
+In:  the ``Job`` of a stage that reads ``"*.transfer"``.
+Out: ``Otf`` values, each with the name of the stage up to which it holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.job import Job
+from etendue.compute.tables import TABLES, prepared_for
+from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
+from etendue.contract.grid import Bands, Grid
+from etendue.contract.stage import Stage, state_of
+from etendue.transfer.products import Product, behind_filters, between, weights
+
+REMEMBERED = 64  # frequencies from which on a table is kept: the coarse grid of a search is the same in every cell of a sweep
+BLOCK = 16  # of a slanted line, so many frequencies at once, of whose square the diagonal is taken
+
+
+def transfers_of(job: Job) -> list[tuple[str, Otf]]:
+    """For every transfer stage in front of a stage: its name, and the transfer function up to and including it."""
+    look = job.looking
+    assert look is not None
+    port, pairs = next((port, pairs) for port, what, pairs in look.ports if what == "transfer")
+    every = tuple((name, stage) for (name, _), stage in zip(pairs, look.transfers, strict=True))
+    chains = look.chains or [tuple(range(i + 1)) for i in range(len(every))]
+    grids = look.grids.get(port) or [None] * len(every)
+    whole = look.whole or [True] * len(every)
+    found = []
+    for number, (name, stage) in enumerate(every):
+        if isinstance(stage, Transfer):
+            parts = tuple((n, s) for n, s in (every[i] for i in chains[number]) if isinstance(s, Transfer))
+            behind = _behind(number, every, chains) if isinstance(stage, Summed) else ()
+            found.append((name, Otf(parts, look.bands, look.rendered, grids[number], whole[number], behind, look.light)))
+    return found
+
+
+def _behind(pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Sequence[int]]) -> tuple[tuple[str, ChannelTransfer], ...]:
+    """The stages that move charge behind a pixel stage, one behind the other; where light goes several ways, on the first."""
+    found: list[int] = []
+    for number, (_, stage) in enumerate(every):
+        if isinstance(stage, ChannelTransfer) and stage.moves_charge() and {pixel, *found} <= set(chains[number]):
+            found.append(number)
+    return tuple((name, stage) for name, stage in (every[i] for i in found) if isinstance(stage, ChannelTransfer))
+
+
+def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
+    """(channel, wavelength): photons by wavelength of a stage that ends in a sum."""
+    return weights(stage, prepared_for(stage, edges))
+
+
+@dataclass(frozen=True)
+class Otf:
+    """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, complex where shifted.
+
+    ``parts`` are (name, stage) in the order of the light, ``edges`` the wavelength bins, nm. What a plan has left out is
+    among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes. ``whole`` is
+    False where a stage in front moves light without being a transfer function (a warp, a blur that changes over the field):
+    then no product is all of the camera. ``behind`` are the stages that move charge between pixels, where the last part is a pixel:
+    no product holds them, ``channels`` and ``channels_along`` do. ``light`` is that of a white surface in front of the pixel by band, the
+    largest 1; None where nobody says.
+    """
+
+    parts: tuple[tuple[str, Transfer], ...]
+    edges: tuple[float, ...]
+    rendered: tuple[float, float] | None = None
+    grid: Grid | None = None
+    whole: bool = True
+    behind: tuple[tuple[str, ChannelTransfer], ...] = ()
+    light: tuple[float, ...] | None = None
+
+    def __call__(self, frequency: Any) -> Any:
+        """(wavelength, n) at frequencies (n,) along x."""
+        fx = np.asarray(frequency, dtype=float)
+        return self.along(np.zeros_like(fx), fx)
+
+    def along(self, fy: Any, fx: Any) -> Any:
+        """(wavelength, n) at points (n,) of a line in any direction, or at any other points."""
+        fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
+        if fy.ndim != 1:
+            raise ValueError(f"fy and fx have shape {fy.shape}; allowed are two lists of equal length")
+        product: Any = np.ones((len(self.edges) - 1, fx.size))
+        for _, stage in self.parts:
+            product = product * _remembered("along", _along, stage, fy, fx, self.edges)
+        return product
+
+    def plane(self, fy: Any, fx: Any) -> Any:
+        """(wavelength, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
+        fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
+        product: Any = np.ones((len(self.edges) - 1, fy.size, fx.size))
+        for _, stage in self.parts:
+            product = product * _remembered("plane", _plane, stage, fy, fx, self.edges)
+        return product
+
+    def channels(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
+        """(channel, m, n) at all pairs of frequencies: grey detail behind each filter, with the charge that moves between pixels.
+
+        ``light``: (wavelength,) of a white surface, W m-2 nm-1, of any scale; None: the same in every band. ``weights``: those of the
+        pixel, where it is left out.
+        """
+        fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
+        return self._of_channels(self.plane(fy, fx), lambda stage, white: self._between(stage, fy, fx, white), light, weights)
+
+    def channels_along(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
+        """(channel, n): the same at points (n,) of a line in any direction."""
+        fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
+
+        def moved(stage: ChannelTransfer, white: Any) -> Any:
+            return _on_line(lambda y, x: self._between(stage, y, x, white), fy, fx)
+
+        return self._of_channels(self.along(fy, fx), moved, light, weights)
+
+    def _of_channels(self, bands: Any, moved: Callable[[ChannelTransfer, Any], Any], light: Any, weights: Any) -> Any:
+        white, zero = np.ones(len(self.edges) - 1) if light is None else np.asarray(light, dtype=float), np.zeros(1)
+        stages = [stage for _, stage in self.behind]
+        still = [self._between(stage, zero, zero, white)[..., 0, 0] for stage in stages]
+        photons = (self.weights if weights is None else weights) * white
+        return behind_filters(bands, photons, [moved(stage, white) for stage in stages], still)
+
+    def _between(self, stage: ChannelTransfer, fy: Any, fx: Any, white: Any) -> Any:
+        def make() -> Any:
+            return between(stage, fy, fx, white, prepared_for(stage, self.edges))
+
+        if max(fy.size, fx.size) < REMEMBERED:
+            return make()
+        return TABLES.get(("between", state_of(stage), self.edges, fy.tobytes(), fx.tobytes(), white.tobytes()), make)
+
+    def without(self, names: Iterable[str]) -> Otf:
+        """The same with these stages left out."""
+        left_out = {names} if isinstance(names, str) else set(names)
+        parts = tuple(part for part in self.parts if part[0] not in left_out)
+        return replace(self, parts=parts, behind=tuple(one for one in self.behind if one[0] not in left_out))
+
+    @property
+    def stages(self) -> tuple[tuple[str, Stage], ...]:
+        """All of them, in the order of the light."""
+        return (*self.parts, *self.behind)
+
+    def once(self, what: Hashable, make: Callable[[], Any]) -> Any:
+        """``make()``, remembered by the values of these stages; ``what`` names it and all else that it depends on."""
+        return TABLES.get(("of a product", what, tuple(state_of(stage) for _, stage in self.stages), self.edges, self.rendered), make)
+
+    @property
+    def weights(self) -> Any:
+        """(channel, wavelength): photons by wavelength behind each filter, or None in front of the pixel."""
+        stage = next((stage for _, stage in self.parts if isinstance(stage, Summed)), None)
+        return None if stage is None else weights_of(stage, self.edges)
+
+    @property
+    def wavelength(self) -> Any:
+        """Middle of every bin, um."""
+        return np.array(Bands(self.edges).values()) * 1e-3
+
+    def scene_along(self, fy: Any, fx: Any) -> Any:
+        """(n,): with what the ideal chart of the scene was rendered; 1 where the scene does not say (photographs)."""
+        fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
+        softness, cell = self.rendered or (0.0, 0.0)
+        return np.exp(-2 * (math.pi * softness) ** 2 * (fy**2 + fx**2)) * np.sinc(cell * fy) * np.sinc(cell * fx)
+
+
+def _remembered(what: str, make: Any, stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+    if max(fy.size, fx.size) < REMEMBERED:
+        return make(stage, fy, fx, edges)
+    key = ("otf", what, state_of(stage), edges, fy.tobytes(), fx.tobytes())
+    return TABLES.get(key, lambda: make(stage, fy, fx, edges))
+
+
+def _plane(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+    """(wavelength or 1, m, n)."""
+    return Product((stage,), edges, prepared_for).at(fy[:, None], fx[None, :])
+
+
+def _along(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
+    """(wavelength or 1, n)."""
+    if stage.radial:
+        fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
+    return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)
+
+
+def _on_line(plane: Callable[[Any, Any], Any], fy: Any, fx: Any) -> Any:
+    """(..., n). Stages take grids: of a slanted line, which is none, short pieces are the diagonals of small ones."""
+    if not fy.any():
+        return plane(fy[:1], fx)[..., 0, :]
+    if not fx.any():
+        return plane(fy, fx[:1])[..., 0]
+    blocks = [slice(i, i + BLOCK) for i in range(0, fx.size, BLOCK)]
+    return np.concatenate([np.diagonal(plane(fy[b], fx[b]), axis1=-2, axis2=-1) for b in blocks], axis=-1)

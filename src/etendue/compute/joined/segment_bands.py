@@ -1,0 +1,225 @@
+"""Segments that start from light of many bands: filtered and summed band by band, or projected onto few planes first.
+
+In:  a ``Job`` that stands directly behind the segment's input, with the stages in between.
+Out: its arrays; what is large comes as bands to be made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.bands import Banded, in_order
+from etendue.compute.job import Job
+from etendue.compute.ownership import frozen
+from etendue.compute.tables import TABLES, prepared_of
+from etendue.contract.capabilities import Summed, Transfer
+from etendue.contract.grid import Grid
+from etendue.contract.stage import state_of
+from etendue.plan.model import CellRef
+from etendue.transfer import expansion, sampling
+from etendue.transfer.products import Product
+from etendue.transfer.products import weights as weights_of
+
+TOGETHER = 4  # bands projected in one product
+LARGEST_SHARED = 64 << 20  # bytes of the spectra of all channels, up to which they are kept for other pixels
+DIGITS = 14  # of a channel's weights: those of pixels of another size differ in the last bits
+
+
+@dataclass(eq=False)
+class GridTransfer:
+    """The product of some transfer functions on the frequencies of a padded grid, one band at a time."""
+
+    stages: tuple[Transfer, ...]
+    grid: Grid
+    precision: str
+    kept: float = 1.0  # share of the Nyquist frequency that there is
+
+    @cached_property
+    def product(self) -> Product:
+        return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_of(stage, {"irradiance": self.grid}, {}))
+
+    @cached_property
+    def _rows(self) -> Any:
+        return sampling.frequencies(self.grid.line("y").size, self.grid.line("y").step, half=False, share=self.kept)
+
+    @cached_property
+    def _columns(self) -> Any:
+        return sampling.frequencies(self.grid.line("x").size, self.grid.line("x").step, half=True, share=self.kept)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the half spectrum that there is."""
+        return self._rows.size, self._columns.size
+
+    def band(self, number: int) -> Any:
+        """(rows, columns)."""
+        return self.product.at(self._rows[:, None], self._columns[None, :], slice(number, number + 1))[0]
+
+    @cached_property
+    def plane(self) -> Any:
+        """Radial look-up, where every stage depends on the radial frequency alone; else None."""
+        if self.product.radial:
+            y, x = self.grid.line("y"), self.grid.line("x")
+            key = ("radial plane", y.size, y.step, x.size, x.step, self.kept, self.precision)
+            return TABLES.get(key, lambda: expansion.RadialPlane(self._rows, self._columns, self.precision))
+        return None
+
+    @cached_property
+    def table(self) -> Any:
+        """(wavelength, node): the product on the radial nodes."""
+        return self.product.along(self.plane.nodes)
+
+    def apply(self, half_spectrum: Any, band: int) -> None:
+        """Multiply the spectrum of one band, in place."""
+        if not self.stages:
+            return
+        if self.plane is not None:
+            self.plane.multiply(half_spectrum, self.table[band])
+        else:
+            own = self.band(band)
+            half_spectrum *= own.astype(np.result_type(half_spectrum.real if own.dtype.kind == "f" else half_spectrum), copy=False)
+
+    def gathered(self, weights: Any, basis: Any, half_spectra: Any) -> Any:
+        """(channel, Ny, Nh): sum_k u_ck(f) S_k over the spectra of the gathered planes."""
+        one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
+        sums: Any = None
+        tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
+        for number, spectrum in enumerate(half_spectra):
+            if sums is None:
+                sums = np.zeros((weights.shape[0], *spectrum.shape), dtype=spectrum.dtype)
+            for channel, own in enumerate(sums):
+                if tables is not None:
+                    self.plane.add_product(own, spectrum, tables[channel, number])
+                else:
+                    own += spectrum * self._mixed(one_by_one[channel, number]).astype(spectrum.dtype)
+        return sums
+
+    def _mixed(self, factors: Any) -> Any:
+        """sum_l factors[l] T_l(f) on the frequencies of the transform."""
+        total: Any = np.zeros((1, 1))
+        for band, factor in enumerate(factors):
+            total = total + factor * self.band(band)
+        return total
+
+
+@dataclass(eq=False)
+class FilteredBands(Banded):
+    """Light behind some transfer functions, one band at a time."""
+
+    light: Any
+    joined: GridTransfer
+
+    def __post_init__(self) -> None:
+        self.shape = self.light.shape
+        self.dtype = self.light.dtype
+
+    def __getitem__(self, band: int) -> Any:
+        half = sampling.spectrum(np.asarray(self.light[band]))
+        self.joined.apply(half, band)
+        return sampling.planes_of(half, *self.shape[1:])
+
+
+def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
+    """The arrays of a transfer stage, from the segment's input and every transfer function since."""
+    port, ref, variable = job.inputs[0]
+    light, grid = results[ref].arrays[variable], job.input_grids[port]
+    (name,) = job.writes
+    assert job.segment is not None and job.segment.joined is not None
+    before = job.segment.joined
+    stage = job.stage
+    assert isinstance(stage, Transfer)
+    if not isinstance(stage, Summed):
+        stages = (*before, *(() if job.left_out else (stage,)))
+        return {name: FilteredBands(light, GridTransfer(stages, grid, job.precision)) if stages else light}
+    prepared = prepared_of(job.stage, job.input_grids, job.grids)
+    weights = weights_of(stage, prepared).astype(float)
+    kept = stage.kept()
+    joined = GridTransfer(before, grid, job.precision, kept)
+    few = 0 < stage.terms() < light.shape[0]
+    if few or kept < 1:
+        sums = weights.sum(axis=1)
+        shares = np.divide(weights, sums[:, None], out=np.zeros_like(weights), where=sums[:, None] != 0).round(DIGITS)
+        channels = _shared(job, light, joined, shares, stage.terms() if few else 0)
+    else:
+        sums, channels = None, _exact(light, joined, weights)
+    y, x = grid.line("y"), grid.line("x")
+    fy = sampling.frequencies(y.size, y.step, half=False, share=kept)[:, None]
+    fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
+    aperture = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
+    if aperture.shape[0] > 1:
+        raise ValueError(f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
+    aperture = aperture.reshape(aperture.shape[-2:]).astype(np.result_type(channels.real if aperture.dtype.kind == "f" else channels))
+    out, where = job.grids[name], []
+    for dim, line in (("y", y), ("x", x)):
+        start, step = out.line(dim).um()
+        where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
+    if sums is not None:  # others read the spectra too
+        behind = channels * aperture
+        behind *= sums[:, None, None].astype(aperture.real.dtype)
+        return {name: sampling.sample(behind, y.size, x.size, where[0], where[1]).astype(job.precision, copy=False)}
+    planes = np.empty((channels.shape[0], where[0][2], where[1][2]), dtype=job.precision)
+    for channel, half in enumerate(channels):
+        half *= aperture
+        planes[channel] = sampling.sample(half, y.size, x.size, where[0], where[1])
+    return {name: planes}
+
+
+def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
+    """Half spectra of the channels in front of their pixels: the same for pixels of any size, and kept for the next of them."""
+    assert job.segment is not None
+    own = ("channels", job.segment.source, tuple(state_of(stage) for stage in joined.stages), shares.tobytes(), terms, job.precision)
+
+    def remembered(made: Any, planes: int, *more: Any) -> Any:
+        size = planes * 2 * np.dtype(job.precision).itemsize * light.shape[1] * light.shape[2]
+        whole = not own[1] or size > LARGEST_SHARED
+        return made() if whole else TABLES.get((*own, *more), made)
+
+    if not terms:
+        return remembered(lambda: frozen(_exact(light, joined, shares)), shares.shape[0], joined.kept)
+    live = shares.any(axis=1)
+
+    def fitted() -> Any:
+        highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
+        frequency = np.linspace(0.0, highest, expansion.FITTED)
+        return expansion.wavelength_basis(shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency))
+
+    def channels() -> Any:
+        basis = fitted()
+        spectra = remembered(lambda: tuple(frozen(sampling.spectrum(plane)) for plane in _gathered(light, basis)), terms)
+        found = np.zeros((live.size, *joined.shape), dtype=spectra[0].dtype)
+        found[live] = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in spectra))
+        return frozen(found)
+
+    return remembered(channels, shares.shape[0], joined.kept)
+
+
+def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
+    """Every band its own transform and transfer function; the sum is taken in frequency."""
+    sums: Any = None
+    for band, plane in enumerate(in_order(light)):
+        if band + 1 < len(weights[0]) and not weights[:, band].any():
+            continue  # nothing sees it
+        half = np.array(sampling.low_terms(sampling.spectrum(np.asarray(plane)), joined.shape))
+        joined.apply(half, band)
+        if sums is None:
+            sums = np.zeros((weights.shape[0], *half.shape), dtype=half.dtype)
+        expansion.add_weighted(sums, weights[:, band], half)
+    return sums
+
+
+def _gathered(light: Any, basis: Any) -> Any:
+    """Few planes, each a sum over wavelength: every channel is a mixture of them."""
+    planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
+    group: list[Any] = []
+    for band, plane in enumerate(in_order(light)):
+        group.append(np.asarray(plane))
+        if len(group) == TOGETHER or band + 1 == light.shape[0]:
+            expansion.add_projected(planes, basis[:, band + 1 - len(group) : band + 1], group)
+            group = []
+    return planes

@@ -1,0 +1,181 @@
+"""Segments whose light is means over grid cells: every alias is folded, so that flux is kept and no light is negative.
+
+In:  a ``Job`` that stands directly behind the segment's input, with the stages in between.
+Out: its arrays; what is large comes as bands to be made.
+
+What the light is behind stages 1...s follows from their product at frequencies far beyond the grid's own; products of
+what the grid knows of each would not do. So every cell of such a segment starts from the segment's input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.bands import Banded, in_order
+from etendue.compute.job import Job
+from etendue.compute.tables import TABLES, prepared_of
+from etendue.contract.capabilities import Summed, Transfer
+from etendue.contract.grid import Grid
+from etendue.contract.stage import Stage, state_of
+from etendue.plan.model import CellRef
+from etendue.transfer import cell_pixels, cells, sampling
+from etendue.transfer.products import Product
+from etendue.transfer.products import weights as weights_of
+
+ROUNDING = 64  # units in the last place of the brightest cell: what transforms leave where there is no light
+
+
+@dataclass(eq=False)
+class CellTransfer:
+    """The product of the transfer functions of some stages at any frequency, and its tables on the cells."""
+
+    stages: tuple[Transfer, ...]
+    grid: Grid
+    precision: str
+    last: tuple[Transfer, Any] | None = None  # an end of the segment that is no window, with what it prepared
+
+    @cached_property
+    def axes(self) -> tuple[cells.Axis, cells.Axis]:
+        y, x = self.grid.line("y"), self.grid.line("x")
+        return cells.Axis(sampling.padded_size(y.size), y.step), cells.Axis(sampling.padded_size(x.size), x.step)
+
+    @cached_property
+    def product(self) -> Product:
+        def prepared(stage: Stage, _: Any) -> Any:
+            return self.last[1] if self.last and stage is self.last[0] else prepared_of(stage, {"irradiance": self.grid}, {})
+
+        return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
+
+    def otf(self, band: int) -> cells.Transfer:
+        """The product for one band."""
+        return lambda fy, fx: self.product.at(fy, fx, slice(band, band + 1))[0]
+
+    @cached_property
+    def _key(self) -> tuple[Any, ...]:
+        states = tuple(state_of(stage) for stage in self.product.stages)
+        return (states, self.grid.line("y"), self.grid.line("x"), self.grid.bands().edges)
+
+    def reach(self, band: int) -> cells.Reach:
+        step = min(axis.step for axis in self.axes)
+        found: cells.Reach = TABLES.get(("cells reach", *self._key, band), lambda: cells.reach_of(self.otf(band), step))
+        return found
+
+    def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Any:
+        """What multiplies the spectrum of one band, in the precision of the run; ``what`` names the rules."""
+
+        def make() -> Any:
+            found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
+            kind = np.result_type(np.dtype(self.precision), np.complex64) if np.iscomplexobj(found) else np.dtype(self.precision)
+            return found.astype(kind)
+
+        return TABLES.get(("cells", *self._key, band, self.precision, what), make)
+
+
+@dataclass(eq=False)
+class BlurredCells(Banded):
+    """Cell means behind some transfer functions, one band at a time."""
+
+    light: Any
+    joined: CellTransfer
+
+    def __post_init__(self) -> None:
+        self.shape = self.light.shape
+        self.dtype = self.light.dtype
+
+    def __getitem__(self, band: int) -> Any:
+        plane = np.asarray(self.light[band])
+        y, x = self.joined.axes
+        half = sampling.spectrum(plane) * self.joined.table(band, "means", cells.mean_rule(y, False), cells.mean_rule(x, True))
+        return without_rounding(sampling.planes_of(half, *self.shape[1:]), plane)
+
+
+def without_rounding(found: Any, given: Any) -> Any:
+    """Light that is negative by no more than rounding is none; ``given`` holds no negative light, or nothing is done."""
+    if given.size and given.min() >= 0:
+        least = -ROUNDING * np.finfo(given.dtype).eps * given.max()
+        np.copyto(found, 0.0, where=(found < 0) & (found >= least))
+    return found
+
+
+def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
+    """The arrays of a transfer stage on cells, from the segment's input and every transfer function since."""
+    port, ref, variable = job.inputs[0]
+    light, grid = results[ref].arrays[variable], job.input_grids[port]
+    (name,) = job.writes
+    before, stage = (job.segment.joined or () if job.segment else ()), job.stage
+    assert isinstance(stage, Transfer)
+    if isinstance(stage, Summed):
+        return {name: _pixels(job, stage, light, grid, before)}
+    stages = (*before, *(() if job.left_out else (stage,)))
+    if not stages:
+        return {name: light}
+    found = BlurredCells(light, CellTransfer(stages, grid, job.precision))
+    return {name: found if name in job.by_band else np.asarray(found)}
+
+
+def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
+    """Sums over wavelength at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
+    prepared = prepared_of(end, job.input_grids, job.grids)
+    weights: Any = weights_of(end, prepared).astype(float)
+    (out,) = job.grids.values()
+    lines = [(grid.line(dim), *out.line(dim).um(), out.line(dim).size) for dim in ("y", "x")]
+    joined, windows = CellTransfer(before, grid, job.precision), None
+    alone = CellTransfer((), grid, job.precision, (end, prepared))
+    windows = cell_pixels.box_of(alone.otf(0), max(step for _, _, step, _ in lines))
+    if windows is None:  # its transfer function counts like any other
+        joined, windows = CellTransfer(before, grid, job.precision, (end, prepared)), ((0.0, 0.0), (0.0, 0.0))
+    starts = [(start + place - line.start) / line.step for (line, start, _, _), (_, place) in zip(lines, windows, strict=True)]
+    steps = [step / line.step for line, _, step, _ in lines]
+    brightest = np.zeros((2, weights.shape[1]))
+    if all(abs(step - round(step)) * size < 1e-6 and round(step) >= 1 for step, (_, _, _, size) in zip(steps, lines, strict=True)):
+        found = _folded_pixels(light, joined, weights, lines, windows, starts, steps, brightest)
+    else:
+        spectra = []
+        for band, plane in enumerate(in_order(light)):
+            spectra.append(sampling.spectrum(_noted(plane, brightest, band)))
+        bands = range(len(spectra))
+        centres = [start + step * np.arange(size) for start, step, (_, _, _, size) in zip(starts, steps, lines, strict=True)]
+        found = cell_pixels.evaluated(
+            [joined.otf(b) for b in bands], [joined.reach(b) for b in bands], weights, np.stack(spectra), *joined.axes,
+            (centres[0], centres[1]), (windows[0][0], windows[1][0]),
+        )  # fmt: skip
+    if (weights >= 0).all():
+        limits = np.stack([weights @ brightest[0], weights @ brightest[1]])
+        for channel, plane in enumerate(found):
+            without_rounding(plane, limits[:, channel].astype(found.dtype))
+    return found
+
+
+def _noted(plane: Any, brightest: Any, band: int) -> Any:
+    """The plane, its smallest and largest value written down."""
+    plane = np.asarray(plane)
+    brightest[:, band] = plane.min(), plane.max()
+    return plane
+
+
+def _folded_pixels(
+    light: Any, joined: CellTransfer, weights: Any, lines: Any, windows: Any, starts: Any, steps: Any, brightest: Any
+) -> Any:
+    y, x = joined.axes
+    nearest = [round(start) for start in starts]
+    offsets = [0.0 if abs(start - near) < 1e-9 else start - near for start, near in zip(starts, nearest, strict=True)]
+    widths = [width for width, _ in windows]
+    along_y, along_x = cells.aperture_rule(y, widths[0], offsets[0], False), cells.aperture_rule(x, widths[1], offsets[1], True)
+    sums: Any = None
+    for band, plane in enumerate(in_order(light)):
+        half = sampling.spectrum(_noted(plane, brightest, band))
+        half = half * joined.table(band, ("pixels", *widths, *offsets), along_y, along_x)
+        if sums is None:
+            sums = np.zeros((len(weights), *half.shape), dtype=half.dtype)
+        for channel, weight in enumerate(weights[:, band]):
+            sums[channel] += half.dtype.type(weight) * half
+    rows, columns = (
+        (near + round(step) * np.arange(size)) % axis.size
+        for near, step, (_, _, _, size), axis in zip(nearest, steps, lines, (y, x), strict=True)
+    )
+    return np.stack([cells.planes_of(half, y, x)[np.ix_(rows, columns)] for half in sums])

@@ -1,0 +1,102 @@
+"""Transfer functions: one transform at the start of a segment, products in frequency, one transform for what is wanted.
+
+In:  a ``Job`` of a transfer stage and the results it reads.
+Out: its ``Result`` with the spectrum for the next stage, and its arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.bands import Banded
+from etendue.compute.job import Job
+from etendue.compute.joined.segment_bands import from_bands
+from etendue.compute.joined.segment_cells import from_cells
+from etendue.compute.ownership import frozen
+from etendue.compute.tables import TABLES, prepared_of
+from etendue.contract.capabilities import Summed, Transfer
+from etendue.contract.stage import state_of
+from etendue.plan.model import CellRef
+from etendue.transfer import sampling
+from etendue.transfer.products import Product, weights
+
+
+@dataclass
+class Result:
+    """What later cells read: arrays, the spectrum inside a segment, and the smallest value of an array once somebody asked (NaN:
+    it holds undefined values).
+
+    ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by bit.
+    """
+
+    arrays: dict[str, Any] = field(default_factory=dict)
+    lowest: dict[str, float] = field(default_factory=dict)
+    spectrum: Any = None
+    untouched: Any = None
+    failed: str = ""
+
+    def read_only(self) -> Result:
+        """Forbid writing into the arrays: a trip to another process forgets it."""
+        for array in (*self.arrays.values(), self.spectrum, self.untouched):
+            if array is not None and not isinstance(array, Banded):
+                frozen(array)
+        return self
+
+
+def _on_grid(job: Job, stage: Transfer) -> Any:
+    """(wavelength or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
+    grid = job.input_grids[job.inputs[0][0]]
+    y, x = grid.line("y"), grid.line("x")
+    edges = grid.bands().edges
+
+    def make() -> Any:
+        fy = sampling.frequencies(y.size, y.step, half=False)[:, None]
+        fx = sampling.frequencies(x.size, x.step, half=True)[None, :]
+        value = Product((stage,), edges, lambda own, _: prepared_of(own, job.input_grids, job.grids)).at(fy, fx)
+        kind = np.result_type(np.dtype(job.precision), np.complex64) if np.iscomplexobj(value) else np.dtype(job.precision)
+        return np.ascontiguousarray(value, dtype=kind)
+
+    return TABLES.get(("transfer", state_of(stage), y, x, edges, job.precision), make)
+
+
+def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
+    if not (job.spectrum or job.store or job.deliver):
+        return Result(), {}
+    if job.input_grids[job.inputs[0][0]].line("y").cells:
+        return Result(), from_cells(job, results)
+    if job.segment is not None and job.segment.joined is not None:
+        return Result(), from_bands(job, results)
+    port, ref, variable = job.inputs[0]
+    grid = job.input_grids[port]
+    y, x = grid.line("y"), grid.line("x")
+    if job.segment is not None and job.segment.previous is not None:
+        spectrum, untouched = results[ref].spectrum, results[ref].untouched
+    else:
+        untouched = results[ref].arrays[variable]
+        spectrum = sampling.spectrum(untouched)
+    (name,) = job.writes
+    stage = job.stage
+    assert isinstance(stage, Transfer)
+    if isinstance(stage, Summed):
+        own, otf = weights(stage, prepared_of(stage, job.input_grids, job.grids)), _on_grid(job, stage)
+        if otf.shape[0] > 1:
+            spectrum = spectrum * otf
+        channels = sampling.sum_over_wavelength(own, np.ascontiguousarray(spectrum))
+        if otf.shape[0] == 1:
+            channels = channels * otf
+        out = job.grids[name]
+        where = []
+        for dim, line in (("y", y), ("x", x)):
+            start, step = out.line(dim).um()
+            where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
+        return Result(), {name: sampling.sample(channels, y.size, x.size, where[0], where[1])}
+    if not job.left_out:
+        spectrum, untouched = spectrum * _on_grid(job, stage), None
+    arrays = {}
+    if job.store or job.deliver:
+        arrays = {name: sampling.planes_of(spectrum, y.size, x.size) if untouched is None else untouched}
+    return (Result(spectrum=spectrum, untouched=untouched) if job.spectrum else Result()), arrays

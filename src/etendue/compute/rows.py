@@ -1,0 +1,87 @@
+"""Which cells of large frames can be worked in strips, and what is held while they are.
+
+In:  a plan.
+Out: for a cell its frame and the rows around a row that it needs.
+
+A cell goes in strips where its frame is large and its stage needs no more than a few rows around a row (``Haloed``, or ``elementwise``).
+Neighbours of one frame that do are worked together: what only they read is never whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from etendue.contract.capabilities import Banded, Probe, halo_of, is_source, is_transfer
+from etendue.contract.grid import Grid
+from etendue.contract.stage import looks_at_stages, reads_of
+from etendue.plan import cost
+from etendue.plan.model import Cell, Node, Plan
+
+LARGEST_WHOLE = 1 << 21  # pixels of a frame up to which cells are computed whole
+STRIP = 1 << 19  # pixels of a strip, about
+TILE = 64  # rows: strips end with the tiles of patterns that belong to the sensor
+HALOS = 16  # a strip has about so many times the rows of a halo: what is computed twice is an eighth
+
+Frame = tuple[int, int]
+
+
+@dataclass
+class Walker:
+    """A cell that may be computed in strips: the frame it is of, and the rows around a row that it needs."""
+
+    frame: Frame
+    halo: int
+
+
+def has_rows(dims: tuple[str, ...]) -> bool:
+    """Whether an array stands over the pixels of a frame."""
+    return dims[-2:] == ("y", "x")
+
+
+def is_large(grids: Mapping[str, Grid], input_grids: Mapping[str, Grid]) -> bool:
+    """Whether a cell reads or writes a frame that is not to be whole."""
+    every = (*grids.values(), *input_grids.values())
+    return any("y" in grid and "x" in grid and grid["y"].size * grid["x"].size > LARGEST_WHOLE for grid in every)
+
+
+def by_band(node: Node, cell: Cell, precision: str) -> tuple[str, ...]:
+    """The variables of a cell that are made band by band: too large to be held, by a stage that can."""
+    if cell.left_out is not None or cell.mapped or not (isinstance(cell.stage, Banded) or node.segment):
+        return ()
+    return tuple(v for v, d in node.writes.items() if cost.too_large(d, cell.grids[v], precision))
+
+
+def walker(plan: Plan, node: Node, cell: Cell) -> Walker | None:
+    """What a cell of a large frame needs of it, where a few rows do."""
+    kind = type(cell.stage)
+    if plan.expected or cell.mapped or node.segment or not cell.inputs or by_band(node, cell, plan.precision):
+        return None
+    if is_transfer(kind) or is_source(kind) or issubclass(kind, Probe):
+        return None
+    if cell.looks_at and any(not looks_at_stages(what) for _, what, _ in node.looks_at):
+        return None
+    ports = reads_of(kind)
+    read = [(port, variable) for port, _, variable in cell.inputs if port in ports]
+    frames = {_frame(cell.input_grids[port], ports[port].dims) for port, _ in read if "y" in ports[port].dims}
+    frames |= {_frame(cell.grids[v], d.dims) for v, d in node.writes.items() if "y" in d.dims}
+    if len(frames) != 1 or None in frames or not any(has_rows(d.dims) for d in node.writes.values()):
+        return None
+    (frame,) = frames
+    if frame is None or frame[0] * frame[1] <= LARGEST_WHOLE:
+        return None
+    if cell.left_out is not None:
+        return Walker(frame, 0) if {variable for _, variable in read} >= set(node.writes) else None
+    halo = halo_of(cell.stage)
+    if halo is None or frame[0] < 2 * max(TILE, HALOS * halo):
+        return None
+    return Walker(frame, halo)
+
+
+def _frame(grid: Grid, dims: tuple[str, ...]) -> Frame | None:
+    return (grid["y"].size, grid["x"].size) if has_rows(dims) else None
+
+
+def rows_of(width: int, halos: list[int]) -> int:
+    """Rows of the strips of cells that go together."""
+    return max(STRIP // width, *(HALOS * halo for halo in halos), TILE) // TILE * TILE

@@ -1,0 +1,110 @@
+"""Which cells of large frames are computed together, strip by strip.
+
+In:  the jobs of a run.
+Out: the same jobs; those of a walk know it.
+
+A walk is a chain of cells of one frame whose stages need no more than a few rows around a row (``Haloed``, or ``elementwise``). It ends
+in front of a stage that needs the whole frame, and where a sweep forks. Walks hang together without circles: every cell has a depth,
+which grows by one from a walk to whatever reads of it as a whole, and a walk holds cells of one depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from etendue.compute.job import Job, Walk
+from etendue.compute.rows import Walker, has_rows, is_large, rows_of
+from etendue.contract.capabilities import joins_figures
+from etendue.contract.stage import looks_at_stages
+from etendue.plan.model import CellRef
+
+
+def with_walks(
+    jobs: dict[CellRef, Job], can: Callable[[CellRef], Walker | None], place: Callable[[CellRef, str], Any] | None = None
+) -> dict[CellRef, Job]:
+    """Tell the jobs of each walk of it; ``can``: what a cell needs of its frame, where a few rows do; ``place``: where the caller wants
+    a variable put, which nobody else reads."""
+    small: set[tuple[str, int, int]] = set()  # stages and grids whose frames are computed whole: most cells of a sweep share them
+    walkers: dict[CellRef, Walker] = {}
+    for ref, job in jobs.items():
+        alike = ref[0], id(job.grids), id(job.input_grids)
+        if alike in small:
+            continue
+        if not is_large(job.grids, job.input_grids):
+            small.add(alike)
+        elif job.task == "compute" and (walker := can(ref)) is not None:
+            walkers[ref] = walker
+    if not walkers:
+        return jobs
+    readers = _readers(jobs)
+    depth: dict[CellRef, int] = {}
+    home: dict[CellRef, CellRef] = {}
+    for ref, job in jobs.items():
+        own = walkers.get(ref)
+        joined = {need for need in job.needs if own and need in walkers and _walks_on(jobs, walkers, readers, need, job)}
+        depth[ref] = max((depth[need] + (need in walkers and need not in joined) for need in job.needs), default=0)
+        if own:
+            home[ref] = ref
+            for need in joined:
+                if depth[need] == depth[ref]:
+                    _merge(home, need, ref)
+    walks: dict[CellRef, list[CellRef]] = {}
+    for ref in walkers:
+        walks.setdefault(_root(home, ref), []).append(ref)
+    for number, members in enumerate(walks.values()):
+        frame = walkers[members[0]].frame
+        rows = rows_of(frame[1], [walkers[ref].halo for ref in members])
+        inside = set(members)
+        for ref in members:
+            job = jobs[ref]
+            whole = {*job.store, *(job.deliver if job.give is None else job.give)}
+            others = {v for v in job.writes if readers.get((ref, v), set()) - inside}
+            places = {v: found for v in whole - others if place and (found := place(ref, v)) is not None}
+            seen = whole - others - set(job.store) if job.look else set()
+            names, only = (tuple(v for v in job.writes if v in chosen) for chosen in ((whole | others) - seen, seen))
+            job.walk = Walk(number, len(members), rows, names, only, places)
+    return jobs
+
+
+def _readers(jobs: Mapping[CellRef, Job]) -> dict[tuple[CellRef, str], set[CellRef]]:
+    """Who reads a variable of a cell."""
+    found: dict[tuple[CellRef, str], set[CellRef]] = {}
+    for ref, job in jobs.items():
+        read = {(source, variable) for _, source, variable in job.inputs}
+        if job.looking:
+            read |= {(source, what) for _, what, pairs in job.looking.ports if not looks_at_stages(what) for _, source in pairs}
+        for each in (job.segment and job.segment.found, job.looking and job.looking.found, job.waiting and (job.waiting.found,)):
+            read |= {(source, variable) for one in each or () for _, source, variable in one}
+        if job.waiting:
+            read |= {(word.ref, word.variable) for word in job.waiting.words}
+        for one in read:
+            found.setdefault(one, set()).add(ref)
+    return found
+
+
+def _walks_on(
+    jobs: Mapping[CellRef, Job], walkers: Mapping[CellRef, Walker], readers: Mapping[tuple[CellRef, str], set[CellRef]],
+    need: CellRef, job: Job,
+) -> bool:  # fmt: skip
+    """Whether a job can go on from the strips of a cell that it reads: of the same frame, alone of its stage, and of rows only."""
+    if walkers[need].frame != walkers[job.ref].frame or need in job.awaited or job.stage.negative == "clip":
+        return False
+    for _, source, variable in job.inputs:
+        if source != need:
+            continue
+        if not has_rows(jobs[need].writes[variable].dims) and joins_figures(jobs[need].stage):
+            return False
+        if sum(ref[0] == job.ref[0] for ref in readers[source, variable]) > 1:
+            return False
+    return True
+
+
+def _root(home: dict[CellRef, CellRef], ref: CellRef) -> CellRef:
+    while home[ref] != ref:
+        ref = home[ref]
+    return ref
+
+
+def _merge(home: dict[CellRef, CellRef], one: CellRef, other: CellRef) -> None:
+    home[_root(home, other)] = _root(home, one)

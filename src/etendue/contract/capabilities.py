@@ -1,0 +1,311 @@
+"""What a stage can do beyond ``run``: typed bases, asked for by ``issubclass``.
+
+In:  a class of stages.
+Out: whether it is a source, a transfer function, made by band, may be left out, looks at other stages.
+
+Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of the camera in front of it, see ``Probe``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from etendue.contract.facts import Facts
+from etendue.contract.grid import Bands, Grid, Labels, Line
+from etendue.contract.stage import Stage, arguments_of, names_asked, per_kind, reads_of, writes_of
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Source(Stage):
+    """A stage that reads nothing and says before any array what it will write."""
+
+    @abstractmethod
+    def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
+
+    def white_light(self, edges: tuple[float, ...]) -> Any:
+        """(wavelength,): light of a white surface in bands with these edges (nm), of any scale, by which figures of resolution weigh
+        wavelengths; None: not known, and they take light that is equally strong in all bands."""
+        return None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tinting(Stage):
+    """A stage that takes light by wavelength, the same all over the frame, as a filter does."""
+
+    @abstractmethod
+    def transmission(self, grid: Grid) -> Any:
+        """(wavelength,): of the bands of a grid."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Transfer(Stage):
+    """A linear shift-invariant stage: a transfer function in the place of ``run``. ``radial``: it depends on the size of the frequency
+    alone. It reads and writes one variable."""
+
+    radial: ClassVar[bool] = False
+
+    @abstractmethod
+    def transfer(self, *given: Any, **named: Any) -> Any:
+        """At separable frequencies: ``(fy, fx, wavelength)``, cycles/um and um, and ``prepared`` where ``prepare`` gives something."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Summed(Transfer):
+    """A transfer function that ends in a weighted sum over wavelength, as a pixel behind its filters does."""
+
+    @abstractmethod
+    def weights(self, prepared: Any) -> Any:
+        """(channel, wavelength)."""
+
+    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+        """Its error behind the stages that are joined before it."""
+        return self.error(facts, grid, precision)
+
+    def terms(self) -> int:
+        """Of an expansion of the sum, where it is to be taken before the transfer functions; 0: every band has its own."""
+        return 0
+
+    def kept(self) -> float:
+        """Share of the grid's Nyquist frequency beyond which the light in front of it is left out; 1: nothing is."""
+        return 1.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ChannelTransfer(Stage):
+    """A stage behind the sum over wavelength that moves charge from pixel to pixel, whatever their filters are: linear, and over the
+    pixels of a channel shift-invariant on average. Whoever looks at transfer functions sees it with those of the pixel."""
+
+    @abstractmethod
+    def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+        """(channel that collects, channel of the filter, m, n) at fy (m,), fx (n,), cycles/um.
+
+        ``light``: (wavelength,), W m-2 nm-1 of a white surface, of any scale.
+        """
+
+    def moves_charge(self) -> bool:
+        """Whether it does anything with these parameters."""
+        return True
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Banded(Stage):
+    """A stage whose ``run`` may be given some of the bands."""
+
+    @abstractmethod
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        """What is prepared for these bands."""
+
+    def constants(self, prepared: Any) -> Mapping[str, Any]:
+        """Of a source: what it writes that has no place."""
+        return {}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Haloed(Stage):
+    """A stage of which every row follows from the rows near it: ``run`` may be given some rows of a frame, and gives them the same bits.
+
+    What it reads with rows, and ``y`` and its like, is cut; all else (tables, figures) is whole. Random numbers must be asked for once,
+    in the order of the rows, and only without a halo. Strips begin on even rows, and hold as many rows as the halo has at least.
+    """
+
+    def halo(self) -> int | None:
+        """Rows above and below that a row depends on; None: with these parameters on the whole frame."""
+        return 0
+
+    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+        """What is written without rows, from what was given for each strip; ``sizes``: values of a strip's first variable. The same
+        for all strips, unless a stage without a halo says otherwise."""
+        apart = [name for name, values in parts.items() if any(not _equal(values[0], value) for value in values[1:])]
+        if apart:
+            raise ValueError(f"{type(self).__name__} gives some rows another {', '.join(apart)} than others: write joined()")
+        return {name: values[0] for name, values in parts.items()}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bounded(Stage):
+    """A stage that may be left out where it does little: it reads and writes the same variable on the same grid."""
+
+    @abstractmethod
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        """How wrong leaving it out is, relative to full scale, and why; None where that is not known."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sampled(Stage):
+    """A stage that draws random numbers or rounds, and knows what it writes on average.
+
+    Errors of a camera are found by comparing expected values: an error d in front of rounding by q is sqrt(d q) behind it, and two
+    draws differ by their noise.
+    """
+
+    @abstractmethod
+    def mean(self, *given: Any, **named: Any) -> Any:
+        """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what ``run`` may ask for,
+        random numbers aside."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Probe(Stage):
+    """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.
+
+    ``run`` gets, for each such port, a list of (stage name, what it looks at): the transfer function up to and including
+    that stage (``etendue.compute.joined.otf.Otf``), or the array itself; with ``with_grids`` arrays come as (stage name, array, grid).
+    Nothing reads from a probe. It may write the dim ``stage``: every stage it looks at, in order, whose names ``run`` may ask
+    for as ``stage``; those seen through the ports in ``beside`` alone have no place in it, and a ``ChannelTransfer`` shares the pixel's.
+    """
+
+    with_grids: ClassVar[bool] = False
+    beside: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Viewed(Stage):
+    """A stage whose pictures are meant for an eye that is adapted to a white of their own."""
+
+    @abstractmethod
+    def viewing_white(self) -> Any:
+        """XYZ of that white, or None where it is the display's."""
+
+
+CAPABILITIES = {
+    "describe": Source, "transfer": Transfer, "weights": Summed, "channel_transfer": ChannelTransfer, "by_band": Banded,
+    "negligible": Bounded,
+    "viewing_white": Viewed, "mean": Sampled, "halo": Haloed, "joined": Haloed,
+}  # fmt: skip
+
+
+def no_coordinates(kind: type[Stage]) -> str:
+    """What ``creates`` should be in place of what it is, '' where it is right: a list of names or numbers becomes Labels."""
+    creates: Any = kind.creates
+    given = creates.items() if isinstance(creates, Mapping) else ()
+    wrong = [(dim, one) for dim, one in given if not isinstance(one, Line | Bands | Labels)]
+    if isinstance(creates, Mapping) and not wrong:
+        return ""
+    said = f"{kind.__name__}.creates is {creates!r}; expected"
+    for dim, one in wrong:
+        if isinstance(one, list | tuple) and all(isinstance(entry, str | int | float) for entry in one):
+            return f"{said} a coordinate for {dim!r}: Labels({tuple(one)!r}), from etendue.api import Labels"
+    return f"{said} dims and their coordinates, such as {{'channel': RGB}} or {{'angle': Labels((0.0, 90.0), 'deg')}}, of etendue.api"
+
+
+def check_class(kind: type[Stage]) -> None:
+    """What a class says of itself beside its ports, held against the form that the engine reads; ``TypeError`` where it is another."""
+    name, gain, rate = kind.__name__, kind.gain, kind.nanoseconds
+    number = isinstance(gain, int | float) and not isinstance(gain, bool) and math.isfinite(gain) and gain >= 0
+    if gain is not None and not number:
+        raise TypeError(f"{name}.gain is {gain!r}; allowed are None and finite numbers from 0")
+    for attribute, word, allowed in (("nan", kind.nan, ("error", "keep")), ("negative", kind.negative, ("error", "keep", "clip"))):
+        if word not in allowed:
+            raise TypeError(f"{name}.{attribute} is {word!r}; allowed are {', '.join(map(repr, allowed))}")
+    if isinstance(kind.keeps, str) or not set(kind.keeps) <= {"order", "sum"}:
+        raise TypeError(f"{name}.keeps is {kind.keeps!r}; expected some of 'order' and 'sum', such as ('order',)")
+    if isinstance(kind.libraries, str) or not all(isinstance(text, str) for text in kind.libraries):
+        raise TypeError(f"{name}.libraries is {kind.libraries!r}; expected names of distributions, such as ('scipy',)")
+    if wrong := no_coordinates(kind):
+        raise TypeError(wrong)
+    for method, base in CAPABILITIES.items():
+        own = inspect.getattr_static(kind, method, None)
+        if inspect.isfunction(own) and not issubclass(kind, base):
+            raise TypeError(f"{name} has {method}, as a {base.__name__} has, and is none: derive it from etendue.api.{base.__name__}")
+    lacking = sorted(method for method in dir(kind) if _abstract(kind, method))
+    if lacking:
+        raise TypeError(f"{name} has no {', '.join(lacking)}, which its bases ask for")
+    if kind.run is None and not is_transfer(kind):
+        raise TypeError(f"{name} has neither run nor transfer: nothing would be computed")
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not rate > 0:
+        raise TypeError(f"{name}.nanoseconds is {rate!r}; expected a number above 0")
+    if isinstance(kind.working, bool) or not isinstance(kind.working, int | float) or not 0 <= kind.working < math.inf:
+        raise TypeError(f"{name}.working is {kind.working!r}; expected a number from 0")
+    if issubclass(kind, Sampled):
+        mean_arguments_of(kind)
+    own_methods = [method for method, base in CAPABILITIES.items() if issubclass(kind, base)]
+    for attribute in ("run", "grid", "carry", "error", "prepare", "warn", "warn_among", "assumes", *own_methods):
+        own = inspect.getattr_static(kind, attribute, None)
+        if own is not None and not callable(own):
+            raise TypeError(f"{name}.{attribute} is {own!r}; expected a method")
+
+
+def _abstract(kind: type[Stage], name: str) -> bool:
+    """Whether a base asks for a method that nobody has written."""
+    own = inspect.getattr_static(kind, name)
+    return inspect.isfunction(own) and bool(vars(own).get("__isabstractmethod__"))
+
+
+def is_source(kind: type[Stage]) -> bool:
+    return issubclass(kind, Source)
+
+
+def is_transfer(kind: type[Stage]) -> bool:
+    return issubclass(kind, Transfer)
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two plain figures are the same; what is undefined equals itself."""
+    same = (one == other) | ((one != one) & (other != other))
+    return bool(same.all() if hasattr(same, "all") else same)
+
+
+def halo_of(stage: Stage) -> int | None:
+    """Rows above and below that a row of what a stage writes depends on; None: on the whole frame, as far as is known."""
+    kind = type(stage)
+    if isinstance(stage, Haloed):
+        rows = stage.halo()
+        if rows is not None and (isinstance(rows, bool) or not isinstance(rows, int) or rows < 0):
+            raise TypeError(f"{kind.__name__}.halo gives {rows!r}; expected a whole number of rows from 0, or None")
+        return None if rows and is_random(kind) else rows
+    return 0 if kind.elementwise and not is_random(kind) else None
+
+
+def joins_figures(stage: Stage) -> bool:
+    """Whether what a stage writes without rows is known only when all rows are there."""
+    return isinstance(stage, Haloed) and type(stage).joined is not Haloed.joined
+
+
+def is_seen_as_transfer(kind: type[Stage]) -> bool:
+    """Whether who looks at transfer functions looks at it: as one of them, or with the pixel in front of it."""
+    return issubclass(kind, Transfer | ChannelTransfer)
+
+
+def ends_in_sum(kind: type[Stage]) -> bool:
+    return issubclass(kind, Summed)
+
+
+def moves_light(kind: type[Stage]) -> bool:
+    """Whether a stage changes the place of light in front of the sensor, and no transfer function says how."""
+    both = {d.variable for d in reads_of(kind).values()} & {d.variable for d in writes_of(kind).values()}
+    return "irradiance" in both and not is_transfer(kind) and not kind.pointwise
+
+
+def is_random(kind: type[Stage]) -> bool:
+    """Whether a stage is given random numbers: new in every cell, or patterns of the sensor."""
+    return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
+
+
+def draws_anew(kind: type[Stage]) -> bool:
+    """Whether its random numbers follow the seed: patterns of the sensor alone do not."""
+    return "rng" in arguments_of(kind)
+
+
+def rounds(kind: type[Stage]) -> bool:
+    """Whether a stage writes whole numbers of a physical unit: codes of a converter."""
+    return any(d.dtype != "float" and d.unit != "1" for d in writes_of(kind).values())
+
+
+def has_no_mean(kind: type[Stage]) -> bool:
+    """Whether a stage draws or rounds and does not say what comes of it on average."""
+    return (is_random(kind) or rounds(kind)) and not issubclass(kind, Sampled)
+
+
+@per_kind
+def mean_arguments_of(kind: type[Sampled]) -> tuple[str, ...]:
+    """The names that ``mean`` asks for. Random numbers are refused: there is nothing to draw."""
+    names = names_asked(kind, "mean")
+    drawn = [name for name in names if name in ("rng", "rng_sensor")]
+    if drawn:
+        raise TypeError(f"{kind.__name__}.mean asks for {', '.join(drawn)}: a mean draws nothing")
+    return names

@@ -1,0 +1,117 @@
+"""Stages written on labels: ``run`` gets an ``xarray.Dataset`` and gives one back.
+
+In:  a class of stages whose ``run(self, data, ...)`` works on a Dataset of what ``reads`` declares.
+Out: the same class with a ``run`` on plain arrays, which fills in coordinates and attributes and holds the answer to its declaration.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from etendue.contract.stage import COORDINATES, SPECIAL, Stage, reads_of, writes_of
+from etendue.contract.units import same_unit
+from etendue.contract.variables import Declaration, variable
+from etendue.errors import PluginError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_Kind = TypeVar("_Kind", bound=type[Stage])
+UNITS = {"wavelength": "nm", "y_um": "um", "x_um": "um"}
+
+
+def labelled(kind: _Kind) -> _Kind:
+    """Let ``run`` of a stage work on labels.
+
+    ``run(self, data)`` reads ``data["rgb_camera"]`` with the coordinates ``wavelength`` (nm), ``y``, ``x`` (with ``y_um``, ``x_um``
+    on the image plane), ``channel``, and the attributes of the vocabulary; it returns a Dataset (or a mapping of arrays) of what
+    ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, ``rng_sensor`` and ``asked``.
+
+    Raises
+    ------
+    TypeError
+        ``run`` asks for something else.
+    """
+    body = kind.run
+    asked = [name for name in list(inspect.signature(body).parameters)[1:] if name != "data"]
+    unknown = [name for name in asked if name not in SPECIAL]
+    if unknown:
+        raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}")
+    reads, writes = reads_of(kind), writes_of(kind)
+    known = {dim for declaration in reads.values() for dim in declaration.dims}
+    wanted = [name for name in sorted(COORDINATES) if name.removesuffix("_um") in known and name != "stage"]
+
+    def run(self: Stage, **given: Any) -> dict[str, Any]:
+        data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, given)
+        found = body(self, data, **{name: given[name] for name in asked})
+        return _arrays(kind.__name__, found, writes, data)
+
+    names = ["self", *reads, *wanted, *asked]
+    run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+    )
+    run.__doc__ = body.__doc__
+    kind.run = run
+    return kind
+
+
+def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], given: Mapping[str, Any]) -> xr.Dataset:
+    """What is read, with labels."""
+    import xarray as xr
+
+    coordinates: dict[str, Any] = {}
+    for name in ("wavelength", "y", "x", "channel"):
+        values = given.get(name)
+        if values is not None:
+            coordinates[name] = (name, values, {"units": UNITS[name]} if name in UNITS else {})
+    for name in ("y_um", "x_um"):
+        if given.get(name) is not None:
+            coordinates[name] = (name[0], given[name], {"units": "um", "long_name": f"{name[0]} on the image plane"})
+    variables = {}
+    for port, (declared, array) in arrays.items():
+        attributes = {"units": declared.unit, "long_name": variable(declared.variable).long_name}
+        variables[port] = (declared.dims, array, attributes)
+    dims = {dim for declared, _ in arrays.values() for dim in declared.dims}
+    used = {name: value for name, value in coordinates.items() if value[0] in dims}
+    return xr.Dataset(variables, coords=used)
+
+
+def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Any]:
+    """What was written, as arrays in the declared order of dims.
+
+    Raises
+    ------
+    PluginError
+        Something lacks, has other dims, another unit or other coordinates than declared.
+    """
+    import numpy as np
+    import xarray as xr
+
+    if not isinstance(found, Mapping):
+        raise PluginError(f"{name}.run gave {type(found).__name__}, not a Dataset of the variables it writes")
+    arrays: dict[str, Any] = {}
+    extra = sorted(set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"})
+    if extra:
+        raise PluginError(f"{name}.run gave {', '.join(extra)}, which it does not write")
+    for declared in writes.values():
+        if declared.variable not in found:
+            if declared.optional:
+                continue
+            raise PluginError(f"{name}.run gave {', '.join(map(str, found)) or 'nothing'}, but declares {declared.variable}")
+        array = found[declared.variable]
+        if not isinstance(array, xr.DataArray):
+            arrays[declared.variable] = np.asarray(array)
+            continue
+        if set(array.dims) != set(declared.dims):
+            dims = " ".join(map(str, array.dims))
+            raise PluginError(f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'")
+        unit = array.attrs.get("units", declared.unit)
+        if not same_unit(unit, declared.unit):
+            raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
+        for dim in declared.dims:
+            if dim in array.coords and dim in data.coords and not array.coords[dim].equals(data.coords[dim]):
+                raise PluginError(f"{name} gave {declared.variable} at another {dim} than it read; what changes the grid says so in grid()")
+        arrays[declared.variable] = array.transpose(*declared.dims).to_numpy()
+    return arrays

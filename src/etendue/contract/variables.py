@@ -1,0 +1,150 @@
+"""Variables: their declarations, ``"wavelength y x [W m-2 nm-1]"``, and what distributions say they mean.
+
+In:  the text beside a port in a stage's ``reads`` or ``writes``; the name of a variable.
+Out: name, dims, unit, dtype and whether undefined values are allowed; meaning and how it is shown.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+from etendue.plugins import discovery
+
+_FORM = re.compile(r"^\s*(?:(?P<name>[\w.*]+)\s*:)?\s*(?P<dims>[^\[\]]*?)\s*\[(?P<unit>[^\]]*)\]\s*(?P<flags>.*?)\s*$")
+DTYPES = ("float", "uint8", "uint16", "uint32")
+
+NOT_IN_IT = "not_in_it"  # attribute of a figure: stages of the pipeline that change what it is about
+SHOWN = ("", "linear", "encoded", "unencoded", "map")
+COUNTED = ("", "floored", "overexposed")
+BETTER = ("", "higher", "lower")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a distribution says of a variable: meaning, unit, and how a contact sheet shows it.
+
+    ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a mosaic through its own filters);
+    ``encoded`` values for a display, as they are; ``unencoded`` what they are before their gamma, as it would look on the display without
+    it; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as white, None: what is bright in the first
+    picture; variables with one ``scale`` share what is bright in the last of them. ``black`` is a camera quantity that stands for
+    nothing; ``pattern`` one that names the filters in front of y and x. ``range`` has both ends of a map, None: its own; ``log``: in
+    equal ratios. ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``:
+    it is a place in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added
+    up. ``beside``: it is a coordinate of the variables of its group that have this dim. ``counted``: where it is above 0, the end of a
+    run says that something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is
+    always so; '' where it depends. ``subject``: what a figure is about, such as ``detail`` or ``noise``: reports fold figures by it, and
+    open with that of the lowest ``rank``.
+    """
+
+    long_name: str = ""
+    units: str = "1"
+    shown: str = ""
+    white: float | None = None
+    scale: str = ""
+    black: str = ""
+    pattern: str = ""
+    range: tuple[float, float] | None = None
+    log: bool = False
+    counted: str = ""
+    full: float | None = None
+    index: bool = False
+    names: str = ""
+    flags: Mapping[str, int] = field(default_factory=dict)
+    masks: Mapping[str, int] = field(default_factory=dict)
+    beside: str = ""
+    better: str = ""
+    subject: str = ""
+    rank: int = 99
+
+    def __post_init__(self) -> None:
+        if self.counted not in COUNTED:
+            raise ValueError(f"counted is {self.counted!r}; allowed are {', '.join(map(repr, COUNTED))}")
+        if self.shown not in SHOWN:
+            raise ValueError(f"shown is {self.shown!r}; allowed are {', '.join(map(repr, SHOWN))}")
+        if self.better not in BETTER:
+            raise ValueError(f"better is {self.better!r}; allowed are {', '.join(map(repr, BETTER))}")
+        if self.full is not None and not self.full > 0:
+            raise ValueError(f"full is {self.full!r}; allowed are numbers above 0")
+        for word, named in (("flags", self.flags), ("masks", self.masks)):
+            if not (isinstance(named, Mapping) and all(isinstance(n, str) and n.split() == [n] for n in named)):
+                raise ValueError(f"{word} is {named!r}; expected names without blanks and their codes")
+        if self.range is not None and not (len(self.range) == 2 and self.range[0] < self.range[1]):
+            raise ValueError(f"range is {self.range!r}; expected two ends in order")
+
+
+@cache
+def variable(name: str) -> Variable:
+    """What is known of a variable; of one that nobody brings, its name."""
+    brought = discovery.installed().first("variables", name)
+    found = discovery.made_of(Variable, f"the variable {name!r}", brought) if brought else Variable()
+    return found if found.long_name else replace(found, long_name=name.replace("_", " "))
+
+
+def without(attrs: Mapping[str, Any]) -> str:
+    """What stands behind a figure's name for the stages that are not in it, '' where there are none."""
+    return f", without {attrs[NOT_IN_IT]}" if attrs.get(NOT_IN_IT) else ""
+
+
+def disagree(name: str) -> str:
+    """The distributions that say different things of a variable, '' where all say the same."""
+    brought = discovery.installed().all("variables", name)
+    return " and ".join(one.distribution for one in brought) if any(one.value != brought[0].value for one in brought) else ""
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a port carries.
+
+    ``dims`` are those a stage works on; over any others that lead what it is given, the engine maps it. ``dtype`` is ``float`` (the
+    plan's precision) or an unsigned integer type. ``nan`` allows undefined values. What is ``optional`` is computed where
+    it is asked for.
+    """
+
+    variable: str
+    dims: tuple[str, ...]
+    unit: str
+    dtype: str = "float"
+    nan: bool = False
+    optional: bool = False
+
+    def __str__(self) -> str:
+        flags = "".join(
+            f" {flag}"
+            for flag in (self.dtype if self.dtype != "float" else "", "nan" if self.nan else "", "optional" if self.optional else "")
+            if flag
+        )
+        return f"{self.variable}: {' '.join(self.dims)} [{self.unit}]{flags}".replace("  ", " ")
+
+    def mapped(self, dims: tuple[str, ...]) -> tuple[str, ...] | None:
+        """The dims over which a stage is mapped that is given an array with these dims; None where it cannot take it."""
+        extra = dims[: len(dims) - len(self.dims)]
+        return extra if dims == (*extra, *self.dims) and not set(extra) & set(self.dims) else None
+
+    def led_by(self, mapped: tuple[str, ...]) -> Declaration:
+        """The same with the dims in front over which a stage is mapped, as far as it has none of them itself."""
+        return replace(self, dims=(*mapped, *self.dims)) if mapped and not set(mapped) & set(self.dims) else self
+
+
+def parse_declaration(port: str, text: str) -> Declaration:
+    """Read one declaration; the variable is the port unless the text names one."""
+    if text.startswith("*."):  # what a probe looks at, in every stage
+        variable, _, rest = text.partition(" ")
+        text = f"{variable}: {rest or '[1]'}"
+    match = _FORM.match(text)
+    if not match:
+        raise ValueError(f"cannot read the declaration {port!r}: {text!r}; expected 'dims [unit]'")
+    dtype, nan, optional = "float", False, False
+    for flag in match["flags"].split():
+        if flag == "nan":
+            nan = True
+        elif flag == "optional":
+            optional = True
+        elif flag in DTYPES:
+            dtype = flag
+        else:
+            raise ValueError(f"unknown word {flag!r} in the declaration of {port!r}; valid: nan, optional, {', '.join(DTYPES)}")
+    return Declaration(match["name"] or port, tuple(match["dims"].split()), match["unit"].strip(), dtype, nan, optional)

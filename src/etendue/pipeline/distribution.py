@@ -1,0 +1,274 @@
+"""A distribution that brings one stage, as it stands a copy of an installed one of its role: it installs, keeps the laws and is ranked.
+
+In:  the name of the stage, its role, the stage it begins as.
+Out: the texts of its files. The arithmetic is inherited until its author writes another.
+"""
+
+from __future__ import annotations
+
+import inspect
+import keyword
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from inspect import cleandoc
+from typing import Any
+
+from etendue.contract.capabilities import is_transfer
+from etendue.contract.names import unfit_stage
+from etendue.contract.registry import OWN, Registry
+from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.errors import Fault, RequestError, nearest
+from etendue.plugins import discovery
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """What a distribution begins as."""
+
+    stage: str  # its name in a pipeline
+    role: str
+    like: str  # the installed stage it inherits from
+    kind: Any
+
+    @property
+    def module(self) -> str:
+        return f"etendue_{self.stage}"
+
+    @property
+    def distribution(self) -> str:
+        return f"etendue-{self.stage.replace('_', '-')}"
+
+    @property
+    def name(self) -> str:
+        return "".join(word.capitalize() for word in self.stage.split("_"))
+
+
+def beginning(registry: Registry, stage: str, role: str | None, like: str | None) -> Beginning:
+    """What ``etendue new-plugin`` is asked for.
+
+    Raises
+    ------
+    RequestError
+        The name is none for a stage or taken; there is no such role or stage.
+    """
+    faults, stage = [], stage.replace("-", "_").removeprefix("etendue_")
+    roles = _by_role(registry)
+    unfit = unfit_stage(stage)
+    if unfit or not stage.isidentifier() or keyword.iskeyword(stage) or not stage.isascii() or not re.match(r"[a-z]", stage):
+        faults.append(Fault("NAME", f"{stage!r} is no name for a stage: small letters, digits and _, a letter in front"))
+    elif stage in registry:
+        faults.append(Fault("NAME", f"{stage!r} is installed already, from {registry.installed(stage).distribution}; give another"))
+    if like is not None and like not in registry:
+        faults.append(Fault("--like", f"there is no stage {like!r}{nearest(like, registry.names())}"))
+    if role is not None and role not in roles:
+        faults.append(Fault("--role", f"no installed stage has the role {role!r}{nearest(role, roles)}; roles: {', '.join(roles)}"))
+    if role is None and like is None:
+        faults.append(Fault("--role", f"say what it is for: {', '.join(roles)}; or --like STAGE"))
+    if like is not None and role is not None and like in registry and role in roles and registry.load(like).role != role:
+        faults.append(Fault("--like", f"{like} has the role {registry.load(like).role!r}, not {role!r}"))
+    if faults:
+        raise RequestError(faults)
+    if like is None:
+        assert role is not None
+        like = _simplest().get(role) or next((n for n in roles[role] if registry.installed(n).distribution == OWN), roles[role][0])
+    kind = registry.load(like)
+    return Beginning(stage, kind.role, like, kind)
+
+
+def files(one: Beginning) -> Mapping[str, str]:
+    """The texts by path."""
+    return {
+        "pyproject.toml": _project(one),
+        "README.md": _readme(one),
+        f"src/{one.module}/__init__.py": f'"""{one.distribution}: the stage ``{one.stage}`` of etendue."""\n',
+        f"src/{one.module}/manifest.py": _manifest(one),
+        f"src/{one.module}/stages.py": _stage(one),
+        "tests/test_conformance.py": _test(one),
+    }
+
+
+def _simplest() -> dict[str, str]:
+    """Of roles with several built-in stages: the one whose arithmetic is read fastest."""
+    found: dict[str, str] = tomllib.loads(resources.files("etendue").joinpath("data", "beginnings.toml").read_text(encoding="utf-8"))
+    return found
+
+
+def _by_role(registry: Registry) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for name in registry.fitting(lambda kind: bool(kind.role)):
+        found.setdefault(registry.load(name).role, []).append(name)
+    order = [*discovery.installed().names("roles"), *found]
+    return {role: found[role] for role in dict.fromkeys(order) if role in found}
+
+
+def _project(one: Beginning) -> str:
+    return f"""\
+[build-system]
+requires = ["hatchling>=1.24"]
+build-backend = "hatchling.build"
+
+[project]
+name = "{one.distribution}"
+version = "0.1.0"
+description = "The stage {one.stage} of etendue"
+readme = "README.md"
+requires-python = ">=3.11"
+dependencies = ["etendue", "numpy>=2.0"]
+
+[project.optional-dependencies]
+test = ["pytest>=8", "hypothesis>=6.100"]
+
+[project.entry-points.etendue]
+{one.stage.replace("_", "-")} = "{one.module}.manifest"
+
+[tool.hatch.build.targets.wheel]
+packages = ["src/{one.module}"]
+"""
+
+
+def _manifest(one: Beginning) -> str:
+    return f'''\
+"""What this distribution brings to etendue: names alone, so that nothing is imported before it is used."""
+
+from __future__ import annotations
+
+from etendue.api import hookimpl
+
+
+@hookimpl
+def etendue_stages() -> dict[str, str]:
+    return {{"{one.stage}": "{one.module}.stages:{one.name}"}}
+'''
+
+
+def _readme(one: Beginning) -> str:
+    ranked = f"etendue compare PIPELINE.toml --axis STAGE.use={one.like},{one.stage}"
+    return f"""\
+# {one.distribution}
+
+The stage `{one.stage}` of etendue ({one.role}). As it stands it computes what `{one.like}` does; write your own arithmetic in
+`src/{one.module}/stages.py`.
+
+    pip install -e ".[test]"
+    pytest                          # the laws that every stage keeps
+    etendue stages {one.stage}
+    {ranked}
+
+`PIPELINE.toml` has a stage named `STAGE` with `use = "{one.like}"`; `etendue new mine` writes a pipeline to begin with.
+"""
+
+
+def _test(one: Beginning) -> str:
+    return f'''\
+"""The stage keeps what it declares: every law of the conformance kit is a test of this class."""
+
+from {one.module}.stages import {one.name}
+
+from etendue.testing import StageConformance
+from etendue.testing.cases import ordinary
+
+
+class Test{one.name}(StageConformance):
+    stage = {one.name}(**ordinary({one.name}))
+'''
+
+
+def _stage(one: Beginning) -> str:
+    first = cleandoc(one.kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+    taken = "\n".join(f"    #     {name}" for name in parameters_of(one.kind)) or "    #     none"
+    return f'''\
+"""The stage ``{one.stage}``, {one.role}.
+
+{_listed("In: ", reads_of(one.kind))}
+{_listed("Out:", writes_of(one.kind))}
+{_coordinates(one)}"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from {_public(one.kind)} import {one.kind.__name__}
+
+
+@dataclass(frozen=True, kw_only=True)
+class {one.name}({one.kind.__name__}):
+    """What it does, in a sentence (who published it, where).
+
+    It begins as ``{one.like}``: {first}
+    """
+
+    # Parameters it has already:
+{taken}
+    # One of your own, with its unit and range (from etendue.api import param):
+    #     {_free(one.kind)}: float = param(1.0, at_least=0, at_most=10, doc="what it changes")
+    # What it says of its error and its gain is inherited too: say your own where your arithmetic differs, the tests hold you to it.
+{_method(one)}'''
+
+
+def _free(kind: Any) -> str:
+    """A name for a parameter that the class has nothing of yet: one that is inherited would change what stands in its place."""
+    return next(
+        name for name in ("strength", "amount", "extent", "own_strength") if not hasattr(kind, name) and name not in parameters_of(kind)
+    )
+
+
+def _public(kind: Any) -> str:
+    """Where a class may be imported from."""
+    return "etendue_camera.models" if kind.__module__.startswith("etendue.") else str(kind.__module__)
+
+
+def _listed(word: str, ports: Mapping[str, Any]) -> str:
+    told = [f"``{port}``: {str(declared).removeprefix(f'{port}: ')}" for port, declared in ports.items()]
+    return f"{word} {'; '.join(told) or 'nothing'}."
+
+
+COORDINATES = {
+    "y": "rows: where they stand, in pixels of the whole sensor behind it, in um on the image plane in front of it",
+    "x": "columns, in the same way",
+    "y_um": "rows: where they stand on the image plane, um",
+    "x_um": "columns, in the same way",
+    "wavelength": "middles of the bands, nm",
+    "wavelength_edges": "edges of the bands, nm, one more than there are bands",
+    "fy": "cycles/um along y",
+    "fx": "cycles/um along x",
+    "prepared": "what ``prepare`` gives, made once for many calls",
+    "rng": "random numbers of this cell alone",
+    "rng_sensor": "patterns that stay with the sensor, each by its name: the same for every stage that asks for it",
+    "asked": "names of the variables that are asked for",
+}
+
+
+def _coordinates(one: Beginning) -> str:
+    """The arguments that are no variables, a line each."""
+    own = [p.name for p in _arguments(one)]
+    return "".join(f"``{name}``: {COORDINATES[name]}.\n" for name in own if name in COORDINATES)
+
+
+def _method(one: Beginning) -> str:
+    """The method that computes, handing on to the one it inherits."""
+    name, parameters = _computes(one), _arguments(one)
+    asked = ", ".join(["self", *(_declared(p) for p in parameters)])
+    given = ", ".join(p.name for p in parameters)
+    what = "what the stage multiplies the spectrum of the picture with" if name == "transfer" else "{variable: array} of all it writes"
+    return f"""
+    def {name}({asked}) -> Any:
+        # Your arithmetic in the place of this line; it gives {what}.
+        return {one.kind.__name__}.{name}(self{", " if given else ""}{given})
+"""
+
+
+def _computes(one: Beginning) -> str:
+    return "transfer" if is_transfer(one.kind) else "run"
+
+
+def _arguments(one: Beginning) -> list[inspect.Parameter]:
+    return list(inspect.signature(getattr(one.kind, _computes(one))).parameters.values())[1:]
+
+
+def _declared(parameter: inspect.Parameter) -> str:
+    default = "" if parameter.default is inspect.Parameter.empty else f" = {parameter.default!r}"
+    return f"{parameter.name}: Any{default}"

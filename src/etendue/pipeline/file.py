@@ -1,0 +1,360 @@
+"""A pipeline file: camera, stages, sweep, what is wanted. Text in, values and faults out; no stage is imported here.
+
+In:  TOML text (or the same as a mapping), overrides from the command line.
+Out: a ``Pipeline`` whose entries still hold values as written; ``plan.graph`` resolves them against the stages.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from etendue import plain_files
+from etendue.contract import quantities as camera
+from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
+from etendue.contract.names import LONGEST, unfit_stage
+from etendue.contract.units import as_written
+from etendue.errors import Fault, RequestError, nearest, unprintable
+from etendue.pipeline.about import About, read_about
+from etendue.pipeline.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
+from etendue.pipeline.presets import preset
+
+
+@dataclass(frozen=True)
+class StageEntry:
+    """One ``[[stages]]`` table: values as written."""
+
+    name: str
+    use: str
+    values: Mapping[str, Any]
+    origin: Mapping[str, str]  # from = { port = "stage" }
+    place: str
+
+
+class Source(ABC):
+    """Whatever a pipeline may be had from: one that was read, or one written in Python."""
+
+    @abstractmethod
+    def written(self) -> Pipeline:
+        """The pipeline as if it had been read from a file."""
+
+
+@dataclass(frozen=True)
+class Pipeline(Source):
+    """A pipeline as written, checked for form only."""
+
+    name: str
+    stages: tuple[StageEntry, ...]
+    camera: Mapping[str, Any] = field(default_factory=dict)
+    sensor: str = ""
+    preset: Mapping[str, Any] = field(default_factory=dict)  # what the sensor's name stands for, where ``camera`` says nothing
+    sweep: Mapping[str, Any] = field(default_factory=dict)
+    wanted: tuple[str, ...] | None = None
+    keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS among them: what people look at
+    seed: int = 0
+    tolerance: float = 1e-4
+    norm: str = "rms"
+    leave_out: bool = True  # whether what a scene does not need may be left out
+    precision: str = "auto"
+    requires: tuple[str, ...] = ()  # distributions whose stages it uses
+    most_cells: int = MOST_CELLS  # a sweep of more is refused
+    variant: str = ""
+    description: str = ""
+    about: About = field(default_factory=About)
+    file: str = ""
+    folder: Path = Path(".")
+    text: str = ""
+    overrides: tuple[tuple[str, Any], ...] = ()  # what the command line put in place of the file's words
+    faults: tuple[Fault, ...] = ()  # of form; the planner reports them with its own
+    whole: bool = True  # whether every stage table could be read
+    lines: Mapping[str, int] = field(default_factory=dict)  # of tables and keys in the file
+
+    def written(self) -> Pipeline:
+        return self
+
+    def document(self) -> dict[str, Any]:
+        """What a file would say that is read as this pipeline."""
+        lists, tables = ("wanted", "keep", "requires"), ("camera", "stages", "sweep", "about")
+        words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
+        names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
+        camera = {**({"sensor": self.sensor} if self.sensor else {}), **self.camera}
+        origins = {one.name: {"from": dict(one.origin)} if one.origin else {} for one in self.stages}
+        stages = [{"use": one.use, "name": one.name, **origins[one.name], **one.values} for one in self.stages]
+        return {**words, **names, "camera": camera, "sweep": dict(self.sweep), "about": self.about.document(), "stages": stages}
+
+    def located(self, faults: Iterable[Fault]) -> list[Fault]:
+        """The same faults with their lines in the file, in the order in which they stand there."""
+        found = [fault if fault.line else replace(fault, line=self._line(fault.place)) for fault in faults]
+        return sorted(dict.fromkeys(found), key=lambda fault: fault.line or 0)
+
+    def _line(self, place: str) -> int | None:
+        stage = re.match(r"(stages\[\d+\])(?: [\w\-]+)?(?:\.([\w\-]+))?", place)
+        if stage:
+            return self.lines.get(f"{stage[1]}.{stage[2]}", self.lines.get(stage[1], 0)) or None
+        while place and place not in self.lines:
+            place = place.rpartition(".")[0]
+        return self.lines.get(place, 0) or None
+
+
+def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pipeline:
+    """Read a file and apply ``{"camera.f_number": "4", "sweep.f_number": [...]}`` on top of it.
+
+    Raises
+    ------
+    RequestError
+        The file is missing, too large or not TOML. Faults of form are kept in the pipeline for ``make_plan`` to raise.
+    """
+    name = str(path)
+    try:
+        piped = str(path).startswith(("/dev/stdin", "/dev/fd/", "/proc/self/fd/"))
+        with path.open("rb") if piped else plain_files.open_plain(path) as file:
+            content = file.read(LARGEST_FILE + 1)  # a pipe has no size to ask for
+        if len(content) > LARGEST_FILE:
+            raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
+        text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    except IsADirectoryError:
+        raise RequestError("is a directory; name the pipeline file in it", name) from None
+    except FileNotFoundError:
+        folder = path.parent if path.parent.is_dir() else Path(".")
+        hint = nearest(path.name, [p.name for p in folder.glob("*.toml")])
+        raise RequestError(f"there is no such file{hint}", name) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RequestError(f"cannot be read: {error}", name) from None
+    return parse_pipeline(text, name, path.parent, overrides)
+
+
+def parse_pipeline(text: str, file: str = "", folder: Path = Path("."), overrides: Mapping[str, Any] | None = None) -> Pipeline:
+    """The pipeline in a TOML text; ``file`` and ``folder`` serve messages and relative paths.
+
+    Faults of form (unknown keys, two stages of one name) are kept in ``faults``, so that the planner can report them
+    together with all others.
+    """
+    fault = dotted_fault(text)
+    if fault:
+        raise RequestError([fault], file)
+    try:
+        document = tomllib.loads(text, parse_float=Decimal)
+    except RecursionError:
+        raise RequestError("not valid TOML: nested too deeply", file) from None
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
+        raise RequestError([_not_toml(text, str(error))], file) from None
+    lines = _lines(text)
+    refuse_large(document, file, lines)
+    given = by_one_name(overrides or {}, document)
+    for place in apply_overrides(document, given, file):
+        lines[place] = 0  # no longer what stands in the file
+    return replace(from_document(document, file), folder=folder, text=text, lines=lines, overrides=tuple(given.items()))
+
+
+def overridden(pipeline: Pipeline, overrides: Mapping[str, Any]) -> Pipeline:
+    """A pipeline that was read, with other values: as if they had been there when it was."""
+    document = pipeline.document()
+    given = by_one_name(overrides, document)
+    lines = {**pipeline.lines, **dict.fromkeys(apply_overrides(document, given, pipeline.file), 0)}
+    made = from_document(document, pipeline.file)
+    return replace(
+        made, folder=pipeline.folder, text=pipeline.text, lines=lines, overrides=tuple({**dict(pipeline.overrides), **given}.items()),
+        faults=tuple(dict.fromkeys((*pipeline.faults, *made.faults))), whole=pipeline.whole and made.whole,
+    )  # fmt: skip
+
+
+def refuse_large(document: Mapping[str, Any], file: str = "", lines: Mapping[str, int] = {}) -> None:
+    """Refuse a document without bounds: too many keys, nested too deeply, a number of too many digits."""
+    fault = document_fault(document)
+    if fault:
+        raise RequestError([replace(fault, line=lines.get(fault.place))], file)
+
+
+def _not_toml(text: str, message: str) -> Fault:
+    """What TOML's own message leaves out: the line, and the two usual reasons."""
+    match = re.search(r" \(at line (\d+), column \d+\)$", message)
+    if not match:
+        return Fault("", f"not valid TOML: {message}")
+    number = int(match[1])
+    line = text.splitlines()[number - 1].strip()[:80] if number <= len(text.splitlines()) else ""
+    reason = message[: match.start()]
+    hint = ""
+    if "overwrite" in reason or "twice" in reason:
+        hint = "; a key or a table stands twice"
+    elif "newline" in reason or "Invalid value" in reason:
+        hint = '; text, and a number with a unit, stands in quotes: "5.4 um"'
+    return Fault("", f"not valid TOML: {reason}, at: {line}{hint}", number)
+
+
+_HEADER = re.compile(r"^\s*(\[\[?)\s*([\w.\-]+)\s*\]\]?\s*(?:#.*)?$")
+_KEY = re.compile(r"""^\s*([\w\-]+(?:\s*\.\s*[\w\-]+)*|"[^"]*"|'[^']*')\s*=""")
+
+
+def _lines(text: str) -> dict[str, int]:
+    """Line numbers of tables and keys: ``stages[3]``, ``stages[3].strength``, ``camera.f_number``, ``seed``."""
+    found: dict[str, int] = {}
+    table, stages, inside = "", 0, ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if inside:  # a text of several lines
+            inside = "" if line.count(inside) % 2 else inside
+            continue
+        header, key = _HEADER.match(line), _KEY.match(line)
+        if header:
+            table = header[2]
+            if (header[1], table) == ("[[", "stages"):
+                stages += 1
+                table = f"stages[{stages}]"
+            elif table.startswith("stages."):
+                table = f"stages[{stages}]{table.removeprefix('stages')}"
+            found.setdefault(table, number)
+        elif key:
+            name = re.sub(r"\s", "", key[1]) if key[1][0] not in "\"'" else key[1][1:-1]
+            found.setdefault(f"{table}.{name}" if table else name, number)
+        inside = next((mark for mark in ('"""', "'''") if line.count(mark) % 2), "")
+    axes = {f"sweep.{axis_name(place.removeprefix('sweep.'), {})}": n for place, n in found.items() if place.startswith("sweep.")}
+    return {**axes, **found}
+
+
+def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
+    """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is refused."""
+    refuse_large(document, file, {})
+    faults: list[Fault] = []
+    for key in document:
+        if key not in TOP:
+            hint = f"; {key} is a camera quantity: set it under [camera]" if key in camera.names() else nearest(key, TOP)
+            faults.append(Fault(key, f"unknown key{hint}"))
+
+    def text_of(key: str, default: str) -> str:
+        value = document.get(key, default)
+        if not isinstance(value, str) or (key == "name" and not _plain(value)) or (key != "description" and unprintable(value)):
+            what = f"; at most {LONGEST} characters, no slash, no control characters, no dot in front" if key == "name" else ""
+            faults.append(Fault(key, f"expected {'a plain name' if key == 'name' else 'text'}, got {as_written(value)}{what}"))
+            return default
+        return value
+
+    def names_of(key: str) -> tuple[str, ...] | None:
+        value = document.get(key)
+        if value is None or (key == "keep" and value == "all"):
+            return None
+        if isinstance(value, str):
+            value = [value]
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            what = 'distributions, such as ["etendue-lens-optiland"]' if key == "requires" else "variables"
+            faults.append(Fault(key, f"expected a list of {what}, got {as_written(value)}"))
+            return None
+        return tuple(value)
+
+    seed = document.get("seed", 0)
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        faults.append(Fault("seed", f"expected a whole number of at least 0, got {as_written(seed)}"))
+        seed = 0
+    tolerance = document.get("tolerance", 1e-4)
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | Decimal) or not 0 <= float(tolerance) < 1:
+        faults.append(Fault("tolerance", f"expected a number of at least 0 and below 1, got {as_written(tolerance)}"))
+        tolerance = 1e-4
+    most_cells = document.get("most_cells", MOST_CELLS)
+    if isinstance(most_cells, bool) or not isinstance(most_cells, int) or most_cells < 1:
+        faults.append(Fault("most_cells", f"expected a whole number of at least 1, got {as_written(most_cells)}"))
+        most_cells = MOST_CELLS
+    leave_out = document.get("leave_out", True)
+    if not isinstance(leave_out, bool):
+        faults.append(Fault("leave_out", f"expected true or false, got {as_written(leave_out)}"))
+        leave_out = True
+    precision = text_of("precision", "auto")
+    if precision not in ("auto", "float32", "float64"):
+        faults.append(Fault("precision", f"{precision!r} is not a precision{nearest(precision, ('auto', 'float32', 'float64'))}"))
+    norm = text_of("norm", "rms")
+    if norm not in ("rms", "max"):
+        faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, ('rms', 'max'))}; allowed are rms and max"))
+    tables = {}
+    for key in ("camera", "sweep"):
+        table = document.get(key, {})
+        if not isinstance(table, dict):
+            faults.append(Fault(key, f"expected a table, got {as_written(table)}"))
+            table = {}
+        tables[key] = table
+    tables["sweep"] = axes_of(document, faults)
+    sensor, values = _sensor(tables, faults)
+    stages, whole = _stages(document.get("stages"), faults)
+    return Pipeline(
+        name=text_of("name", Path(file).stem or "pipeline"),
+        stages=stages,
+        camera=tables["camera"],
+        sensor=sensor,
+        preset=values,
+        sweep=tables["sweep"],
+        wanted=names_of("wanted"),
+        keep=names_of("keep"),
+        seed=seed,
+        tolerance=float(tolerance),
+        norm=norm,
+        leave_out=leave_out,
+        precision=precision,
+        requires=names_of("requires") or (),
+        most_cells=most_cells,
+        variant=text_of("variant", ""),
+        description=text_of("description", ""),
+        about=read_about(document.get("about", {}), faults),
+        file=file,
+        faults=tuple(faults),
+        whole=whole,
+    )
+
+
+def _plain(name: str) -> bool:
+    """Whether a name can be that of a folder, on any system."""
+    return bool(name) and len(name.encode()) <= LONGEST and name[0] not in ".-" and not set(name) & set("/\\") and not unprintable(name)
+
+
+def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
+    """The sensor that ``[camera]`` names, and the values it stands for; the name itself is no camera quantity."""
+    name = tables["camera"].get("sensor", "")
+    tables["camera"] = {key: value for key, value in tables["camera"].items() if key != "sensor"}
+    if not isinstance(name, str):
+        faults.append(Fault("camera.sensor", f"expected the name of a sensor, got {as_written(name)}"))
+        return "", {}
+    if not name:
+        return "", {}
+    try:
+        return name, preset(name).values()
+    except RequestError as error:
+        faults += [Fault("camera.sensor", fault.message) for fault in error.faults]
+        return "", {}
+
+
+def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bool]:
+    """The stages that can be read, and whether that is all of them."""
+    if not isinstance(value, list) or not value:
+        faults.append(Fault("stages", "expected at least one [[stages]] table with a key 'use'"))
+        return (), False
+    entries, seen, whole = [], dict[str, str](), True
+    for number, table in enumerate(value, 1):
+        place = f"stages[{number}]"
+        use = table.get("use") if isinstance(table, dict) else None
+        if not isinstance(table, dict):
+            faults.append(Fault(place, f"expected a table, got {as_written(table)}"))
+        elif not isinstance(use, str):
+            got = f", got {as_written(use)}" if use is not None else ""
+            faults.append(Fault(place, f"needs a key 'use' with the name of a stage{got}; see: etendue stages"))
+        if not isinstance(use, str):
+            whole = False
+            continue
+        name = table.get("name", use)
+        unfit = unfit_stage(name) if isinstance(name, str) else "expected letters, digits and _"
+        if unfit:
+            faults.append(Fault(f"{place}.name", unfit if "table" in unfit else f"{unfit}, got {as_written(name)}"))
+            whole = False
+            continue
+        place = f"{place} {name}"
+        if name in seen:
+            faults.append(Fault(place, f"two stages are named {name!r}, this and {seen[name]}; give one of them another 'name'"))
+            continue
+        seen[name] = place.partition(" ")[0]
+        origin = table.get("from", {})
+        if not isinstance(origin, dict) or not all(isinstance(v, str) for v in origin.values()):
+            faults.append(Fault(f"{place}.from", 'expected a table of ports and stages, such as { irradiance = "falloff" }'))
+            origin = {}
+        values = {key: v for key, v in table.items() if key not in ("use", "name", "from")}
+        entries.append(StageEntry(name, use, values, origin, place))
+    return tuple(entries), whole

@@ -1,0 +1,115 @@
+"""What is put in the place of a file's words, and the names by which they are meant: ``f_number`` and ``camera.f_number`` are one.
+
+In:  a document of a pipeline, overrides such as ``{"f_number": 4, "sweep.camera.pixel_pitch": [2, 3]}``.
+Out: the document changed; overrides and axes by one name each: ``camera.NAME`` for a value, the bare name for an axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from etendue.contract import quantities as camera
+from etendue.errors import Fault, RequestError, nearest
+
+TOP = (
+    "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
+    "requires", "most_cells", "about",
+)  # fmt: skip
+CAMERA = "camera."
+
+
+def axis_name(key: str, document: Mapping[str, Any]) -> str:
+    """The name of an axis: a camera quantity's own, also where it is written ``camera.NAME``; a stage may be called camera."""
+    name = key.removeprefix(CAMERA)
+    return key if "camera" in _stages(document) and name not in _quantities(document) else name
+
+
+def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+    """The same overrides by the names under which an archive records them; of two that mean one thing the last counts."""
+    found: dict[str, Any] = {}
+    for key, value in overrides.items():
+        if key.startswith("sweep."):
+            key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
+        elif "." not in key and key not in TOP and key in _quantities(document):
+            key = f"{CAMERA}{key}"
+        found.pop(key, None)
+        found[key] = value
+    return found
+
+
+def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
+    """``demosaic.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
+    found: dict[str, Any] = {}
+    for key, value in sweep.items():
+        if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
+            found.update({f"{key}.{name}": one for name, one in value.items()})
+        else:
+            found[key] = value
+    return found
+
+
+def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+    """The sweep of a document, each axis by its name; a fault where one stands twice."""
+    found: dict[str, Any] = {}
+    for key, values in flat(document["sweep"]).items() if isinstance(document.get("sweep"), dict) else ():
+        name = axis_name(key, document)
+        if name in found:
+            faults.append(Fault(f"sweep.{key}", f"{name} and {CAMERA}{name} are one axis, and both are given; leave one of them out"))
+        found[name] = values
+    return found
+
+
+def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
+    """Put ``camera.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
+
+    Returns the places that now hold something else than the file.
+    """
+    faults: list[Fault] = []
+    places = []
+    axes = axes_of(document, faults)
+    if isinstance(document.get("sweep"), dict) and not faults:
+        document["sweep"] = axes
+    faults.clear()  # they are found again, with those of the rest of the file
+    for key, value in by_one_name(overrides, document).items():
+        head, _, tail = key.partition(".")
+        named = _stages(document)
+        if head in ("camera", "sweep", "about") and tail:
+            if not isinstance(document.setdefault(head, {}), dict):
+                continue  # a fault of form, found later
+            document[head][tail] = value
+            places.append(key)
+            if head == "camera" and isinstance(document.get("sweep"), dict):
+                document["sweep"].pop(tail, None)
+        elif tail and head in named:
+            number, table = named[head]
+            if tail == "use":
+                table.setdefault("name", head)  # a swapped stage keeps its name
+            table[tail] = value
+            places.append(f"stages[{number}].{tail}")
+            if isinstance(document.get("sweep"), dict):
+                document["sweep"].pop(key, None)
+        elif not tail and head in TOP:
+            document[head] = value
+            places.append(key)
+        else:
+            valid = [*named, "camera", "sweep"] if tail else [*TOP, *_quantities(document)]
+            called = next((name for name, (_, s) in named.items() if s.get("use") == head), "")
+            hint = f"; the stage {head} is called {called!r} here: {called}.{tail}" if called and tail else nearest(head, valid)
+            faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
+    if faults:
+        raise RequestError(faults, file)
+    return places
+
+
+def _quantities(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """What may be said of the camera: what distributions declare, and what the document gives."""
+    given = document.get("camera")
+    return ("sensor", *camera.names(), *(given if isinstance(given, dict) else ()))
+
+
+def _stages(document: Mapping[str, Any]) -> dict[str, tuple[int, dict[str, Any]]]:
+    """The stage tables by name, with their numbers."""
+    stages = document.get("stages")
+    entries = [(n, s) for n, s in enumerate(stages, 1) if isinstance(s, dict)] if isinstance(stages, list) else []
+    return {str(s.get("name", s.get("use"))): (n, s) for n, s in entries}

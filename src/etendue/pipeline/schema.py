@@ -1,0 +1,181 @@
+"""The form of a pipeline file as a JSON Schema, so that editors complete and check it: stages and quantities of plugins included.
+
+In:  the registry, camera quantities.
+Out: a schema of draft 7. What hangs on values of other keys (names of stages in a sweep, units, files) it cannot know: that is the plan's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from inspect import cleandoc
+from typing import Any, get_args, get_origin
+
+from etendue.contract import quantities as camera
+from etendue.contract.names import LONGEST
+from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of, reads_of
+from etendue.errors import PluginError
+from etendue.pipeline.about import KEYS, OF_AN_AUTHOR
+from etendue.pipeline.presets import preset_names
+
+PLAIN = r"^[^\x00-\x1f\x7f]*$"  # no control characters
+TEXT_OF_A_NUMBER = r"^\s*[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?(\s*[^\d\s].*)?$|^\s*inf(inite)?\s*$"
+NAMES = {"type": "array", "items": {"type": "string", "pattern": PLAIN}}
+SPACED = {
+    "type": "object",
+    "properties": {
+        "from": {"type": ["number", "string"]}, "to": {"type": ["number", "string"]}, "steps": {"type": "integer", "minimum": 1},
+        "spacing": {"enum": ["linear", "log"]},
+    },
+    "additionalProperties": False,
+    "required": ["from", "to", "steps"],
+}  # fmt: skip
+OF_A_STAGE = {"anyOf": [{"type": "array"}, SPACED]}  # axes in a table of their stage
+
+
+def schema(registry: Registry) -> dict[str, Any]:
+    """Of the whole file."""
+    kinds = {name: kind for name in registry.names() if (kind := _loaded(registry, name)) is not None}
+    every = [(name, *found) for kind in kinds.values() for name, found in parameters_of(kind).items()]
+    types = {name: of for name, parameter, of, _ in every if parameter.camera}
+    quantities = {name: _value(camera.declared(name), camera.declared(name).default, types.get(name)) for name in camera.names()}
+    own = {name: _value(parameter, default, of) for name, parameter, of, default in every if parameter.camera}
+    return {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": "a pipeline of etendue",
+        "type": "object",
+        "properties": {
+            "name": {"type": "string", "minLength": 1, "maxLength": LONGEST, "pattern": r"^[^/\\.\-\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]*$"},
+            "description": {"type": "string"},
+            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of noise; fixed patterns follow sensor_serial"},
+            "tolerance": {
+                "type": "number", "minimum": 0, "exclusiveMaximum": 1, "default": 1e-4,
+                "description": "what each approximation or omission may add to its stage's output, relative to full scale",
+            },
+            "norm": {"enum": ["rms", "max"], "default": "rms"},
+            "leave_out": {"type": "boolean", "default": True},
+            "precision": {"enum": ["auto", "float32", "float64"], "default": "auto"},
+            "wanted": {"anyOf": [NAMES, {"type": "string"}], "description": "variables that are computed for"},
+            "keep": {
+                "anyOf": [NAMES, {"type": "string"}],
+                "description": "variables that are stored; all: everything computed; looks: pictures and figures, not the bands of light",
+            },
+            "requires": {"anyOf": [NAMES, {"type": "string"}], "description": "distributions whose stages are used"},
+            "most_cells": {"type": "integer", "minimum": 1},
+            "variant": {"type": "string"},
+            "about": _about(),
+            "camera": {
+                "type": "object",
+                "properties": {"sensor": {"enum": list(preset_names()), "description": "values of a known sensor"}, **own, **quantities},
+                "additionalProperties": False,
+            },
+            "sweep": {
+                "type": "object",
+                "properties": {
+                    "sensor": _sensors({**own, **quantities}),
+                    **{name: _axis(name, types.get(name)) for name in camera.names()},
+                },
+                "additionalProperties": {"anyOf": [_list({}), SPACED, {"type": "object", "additionalProperties": OF_A_STAGE}]},
+            },
+            "stages": {"type": "array", "minItems": 1, "items": _stages(registry.names(), kinds)},
+        },
+        "additionalProperties": False,
+        "required": ["stages"],
+    }  # fmt: skip
+
+
+def _stages(names: Sequence[str], kinds: Mapping[str, Any]) -> dict[str, Any]:
+    """One ``[[stages]]`` table: what it may hold follows from its ``use``."""
+    return {
+        "type": "object",
+        "properties": {"use": {"enum": list(names), "description": "the stage"}},
+        "required": ["use"],
+        "allOf": [{"if": {"properties": {"use": {"const": name}}}, "then": _stage(name, kind)} for name, kind in kinds.items()],
+    }
+
+
+def _loaded(registry: Registry, name: str) -> Any:
+    try:
+        return registry.load(name)
+    except PluginError:
+        return None
+
+
+def _stage(name: str, kind: Any) -> dict[str, Any]:
+    own = {key: found for key, found in parameters_of(kind).items() if not found[0].camera}
+    properties: dict[str, Any] = {
+        "use": {"const": name, "description": cleandoc(kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")},
+        "name": {"type": "string", "pattern": r"^\w+$", "description": "what it is called here; default: what it is"},
+        "from": {
+            "type": "object", "description": "stages it reads from, by port", "additionalProperties": False,
+            "properties": {port: {"type": "string"} for port in reads_of(kind)},
+        },
+    }  # fmt: skip
+    properties |= {key: _value(parameter, default, of) for key, (parameter, of, default) in own.items()}
+    needed = [key for key, (_, _, default) in own.items() if default is MISSING]
+    return {"properties": properties, "additionalProperties": False, **({"required": needed} if needed else {})}
+
+
+def _value(parameter: Parameter, default: Any, kind: Any = None) -> dict[str, Any]:
+    """One value: a number in the declared unit, or a text that may have another."""
+    words = [parameter.doc, f"in {parameter.units}" if parameter.units not in ("", "1") else "", parameter.range_text()]
+    found: dict[str, Any] = _form(parameter, default, kind)
+    said = "; ".join(word for word in words if word)
+    if said:
+        found["description"] = said
+    if default is not MISSING and isinstance(default, bool | int | float | str) and default not in (float("inf"), float("-inf")):
+        found["default"] = default
+    return found
+
+
+def _form(parameter: Parameter, default: Any, kind: Any) -> dict[str, Any]:
+    if get_origin(kind) is tuple or (kind is None and isinstance(default, tuple)):
+        item = _form(Parameter(**{**_limits(parameter), "choices": parameter.choices}), MISSING, get_args(kind)[0] if kind else None)
+        whole = _list(item) | ({"minItems": parameter.length, "maxItems": parameter.length} if parameter.length is not None else {})
+        return {"anyOf": [whole, item]} if parameter.one_for_all else whole
+    if parameter.choices:
+        return {"enum": list(parameter.choices)}
+    if kind is bool or (kind is None and isinstance(default, bool)):
+        return {"type": "boolean"}
+    if kind is str:
+        return {"type": "string", "pattern": PLAIN} if parameter.file else {"type": ["string", "number"], "pattern": PLAIN}
+    if kind in (int, float):
+        number = {"type": "integer" if kind is int else "number", **_bounds(parameter)}
+        return {"anyOf": [number, {"type": "string", "pattern": TEXT_OF_A_NUMBER}]}
+    return {}
+
+
+def _limits(parameter: Parameter) -> Mapping[str, Any]:
+    return {name: getattr(parameter, name) for name in ("above", "at_least", "below", "at_most")}
+
+
+def _bounds(parameter: Parameter) -> dict[str, float]:
+    words = {"above": "exclusiveMinimum", "at_least": "minimum", "below": "exclusiveMaximum", "at_most": "maximum"}
+    return {words[name]: limit for name, limit in _limits(parameter).items() if limit is not None}
+
+
+def _list(item: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": dict(item)}
+
+
+def _axis(name: str, kind: Any) -> dict[str, Any]:
+    declared = camera.declared(name)
+    values = _list(_form(declared, MISSING, kind)) | {"minItems": 1, "uniqueItems": True}
+    return {"anyOf": [values, SPACED], "description": declared.long_name or declared.doc}
+
+
+def _sensors(quantities: Mapping[str, Any]) -> dict[str, Any]:
+    """The axis of sensors: names, or tables of camera quantities."""
+    name = {"enum": list(preset_names())}
+    table = {
+        "type": "object", "properties": {"sensor": name, "label": {"type": "string", "pattern": PLAIN}, **quantities},
+        "additionalProperties": False, "anyOf": [{"required": ["sensor"]}, {"required": ["label"]}],
+    }  # fmt: skip
+    return _list({"anyOf": [name, table]}) | {"minItems": 1, "description": "sensors, each many camera quantities at once"}
+
+
+def _about() -> dict[str, Any]:
+    author = {"type": "object", "properties": {key: {"type": "string"} for key in OF_AN_AUTHOR}, "additionalProperties": False}
+    texts = {key: {"type": "string"} for key in KEYS if key != "author"}
+    return {"type": "object", "properties": {**texts, "author": {"anyOf": [author, _list(author)]}}, "additionalProperties": False}

@@ -1,0 +1,1 @@
+"""What distributions bring: hooks, discovery, and their code at work."""

@@ -1,0 +1,237 @@
+"""What installed distributions bring: stages, variables, camera quantities, sensors, roles and spectra by name.
+
+In:  entry points of the group ``etendue``, one manifest module per distribution, asked through pluggy's hooks (``hookspecs``).
+Out: what stands under a name and who brought it. A manifest that is broken brings nothing, and says why to whoever misses it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, fields
+from functools import cache
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import pluggy
+
+from etendue.errors import PluginError, nearest
+from etendue.interrupts import is_ours
+from etendue.plugins import hookspecs
+from etendue.plugins.guests import Guest
+from etendue.process import FOLDER, return_to
+from etendue.telling import said
+
+if TYPE_CHECKING:
+    from importlib.metadata import Distribution, EntryPoint
+
+HOOKS = tuple(name.removeprefix("etendue_") for name in vars(hookspecs) if name.startswith("etendue_"))
+_LINE = re.compile(r"^(Name|Version):[ \t]*(\S+)[ \t]*$", re.MULTILINE)
+OWN = "etendue"  # looked at first: most names are its own
+_Form = TypeVar("_Form")
+
+
+@dataclass(frozen=True)
+class Brought:
+    """What a distribution brings under a name."""
+
+    value: Any
+    distribution: str
+    version: str
+
+    @property
+    def origin(self) -> str:
+        return f"{self.distribution} {self.version}"
+
+
+@contextmanager
+def foreign(what: str, guest: str = "") -> Iterator[None]:
+    """Code of a distribution is imported or asked: whatever it raises is a ``PluginError``, and the working folder is put back.
+
+    ``guest``: its name, if it is another distribution's than this.
+    """
+    who, folder = FOLDER.begin()
+    try:
+        with Guest(guest) if guest else nullcontext():
+            yield
+    except BaseException as error:  # a module that ends the process at import is broken like any other
+        if is_ours(error):
+            raise
+        raise PluginError(f"{what}: {' '.join(said(error).split())[:300]}") from error
+    finally:
+        FOLDER.end(who, lambda: return_to(folder))  # the rest of a request is read where it was made
+
+
+def named(distribution: Distribution) -> tuple[str, str]:
+    """Name and version of a distribution, '' where it has none: from the first lines of its metadata, which need not be parsed for it."""
+    head = (distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or "").partition("\n\n")[0]
+    found = dict(_LINE.findall(head))
+    if found.keys() >= {"Name", "Version"}:
+        return found["Name"].strip(), found["Version"].strip()
+    return distribution.metadata["Name"] or "", distribution.metadata["Version"] or ""
+
+
+class Discovery:
+    """All vocabularies of some entry points. Built once per process by ``installed``; tests may build their own."""
+
+    def __init__(self, points: Iterable[EntryPoint], former: Iterable[EntryPoint] = ()) -> None:
+        known: dict[tuple[str, str], tuple[EntryPoint, str, str]] = {}
+        for point in points:
+            name, version = named(point.dist) if point.dist else ("?", "?")
+            known.setdefault((name, point.value), (point, name, version))  # a folder may stand twice on the path
+        self.points = [point for point, _, _ in known.values()]
+        self._known = sorted(known.values(), key=lambda one: (one[1] != OWN, one[1], one[0].value))
+        self._former = tuple(former)
+        self._manager = pluggy.PluginManager(hookspecs.PROJECT)
+        self._manager.add_hookspecs(hookspecs)
+        self._lock = threading.Lock()
+        self._answers: dict[tuple[str, str, str], dict[str, Brought]] = {}
+        self._broken: dict[tuple[str, str, str], str] = {}
+
+    def first(self, what: str, name: str) -> Brought | None:
+        """What stands under a name, without a look at those who might bring it too."""
+        return next((answer[name] for answer in self._answered(what) if name in answer), None)
+
+    def all(self, what: str, name: str) -> tuple[Brought, ...]:
+        """The same of everybody who brings it."""
+        return tuple(answer[name] for answer in self._answered(what) if name in answer)
+
+    def names(self, what: str) -> list[str]:
+        """All names, in the order in which they are brought."""
+        return list(dict.fromkeys(name for answer in self._answered(what) for name in answer))
+
+    def clash(self, what: str, name: str) -> str:
+        """What is wrong with a name that more than one distribution brings; '' where one does."""
+        brought = self.all(what, name)
+        return f"offered by {' and '.join(one.distribution for one in brought)}; uninstall one of them" if len(brought) > 1 else ""
+
+    def missed(self, what: str, name: str) -> str:
+        """'; ...' with what may be the reason that nobody brings a name: a manifest that is broken, or of the form of earlier versions."""
+        former = [point for point in self._former if point.name == name] if what == "stages" else []
+        said = [_former_text(point) for point in former[:1]] or [
+            text for (_, _, of), text in list(self._broken.items()) if of in ("", what)
+        ]
+        return "".join(f"; {text}" for text in dict.fromkeys(said))
+
+    def notes(self) -> list[str]:
+        """A line for each distribution that brings nothing, or less than it means to, with the reason."""
+        for what in HOOKS:
+            self.names(what)
+        former = {point.dist.name if point.dist else "?": _former_text(point) for point in self._former}
+        return [*dict.fromkeys(self._broken.values()), *former.values()]
+
+    def _answered(self, what: str) -> Iterator[dict[str, Brought]]:
+        for point, distribution, version in self._known:
+            key = (distribution, point.value, what)
+            if key not in self._answers:
+                try:
+                    module = self._module(point, f"{distribution} {version}", key)
+                    if module is None:
+                        continue
+                    self._answers[key] = self._asked(module, what, distribution, version)
+                except PluginError as error:
+                    self._answers[key] = {}
+                    self._broken.setdefault(key, str(error))
+            yield self._answers[key]
+
+    def _module(self, point: EntryPoint, origin: str, key: tuple[str, str, str]) -> ModuleType | None:
+        """The manifest, registered; None where it is being imported just now, by its own module asking for a name."""
+        broken = (*key[:2], "")
+        if broken in self._broken:
+            raise PluginError(self._broken[broken])
+        plugin = f"{origin} {point.value}"
+        guest = "" if key[0] == OWN else f"{origin}, when it was imported,"
+        with self._lock:  # not while its hooks are being registered
+            known: ModuleType | None = self._manager.get_plugin(plugin)
+        if known is not None:
+            return known
+        module: Any = None
+        try:
+            # The entry point is loaded here: pluggy's own loader walks all distributions, and one that breaks would break all.
+            with foreign(f"{origin} cannot be read: its manifest {point.value}", guest):
+                module = point.load()
+                if getattr(getattr(module, "__spec__", None), "_initializing", False):
+                    return None
+                with self._lock:
+                    if not self._manager.is_registered(module):
+                        self._manager.register(module, plugin)
+                        self._manager.check_pending()
+        except PluginError as error:
+            if module is not None and self._manager.is_registered(module):
+                self._manager.unregister(module)
+            self._broken[broken] = str(error)
+            raise
+        if not self._manager.get_hookcallers(module):
+            self._broken[broken] = f"{origin} cannot be read: its manifest {point.value} has no @hookimpl of {hookspecs.PROJECT}"
+            raise PluginError(self._broken[broken])
+        found: ModuleType = module
+        return found
+
+    def _asked(self, module: ModuleType, what: str, distribution: str, version: str) -> dict[str, Brought]:
+        others = self._manager.get_plugins() - {module}
+        hook = f"etendue_{what}"
+        origin = f"{distribution} {version}"
+        with foreign(f"{origin}: its {hook} breaks off", "" if distribution == OWN else f"{hook} of {origin}"):
+            answers = self._manager.subset_hook_caller(hook, others)()
+        for answer in answers:
+            if not isinstance(answer, Mapping) or not all(isinstance(name, str) for name in answer):
+                raise PluginError(f"{distribution} {version}: its {hook} gives {type(answer).__name__}; expected a mapping by name")
+        return {name: Brought(value, distribution, version) for answer in answers for name, value in answer.items()}
+
+
+def _former_text(point: EntryPoint) -> str:
+    origin = f"{point.dist.name} {point.dist.version}" if point.dist else "a distribution"
+    return (
+        f"{origin} has its stages as entry points of {hookspecs.FORMER_GROUP!r}, which are no longer read: install a newer version, or "
+        f"name its manifest once, [project.entry-points.etendue] and NAME = {point.module!r}, with {point.name!r} in its etendue_stages()"
+    )
+
+
+@cache
+def installed() -> Discovery:
+    """The vocabularies of all installed distributions."""
+    from importlib.metadata import entry_points  # late: whoever only makes a class without quantities looks nothing up
+
+    points = entry_points()
+    return Discovery(points.select(group=hookspecs.GROUP), points.select(group=hookspecs.FORMER_GROUP))
+
+
+def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
+    """What a distribution says in a mapping, as a dataclass with the same words."""
+    known = [field.name for field in fields(form)]  # type: ignore[arg-type]
+    if not isinstance(brought.value, Mapping):
+        raise PluginError(f"{what} of {brought.origin} is {type(brought.value).__name__}; expected a mapping with {', '.join(known)}")
+    for word in brought.value:
+        if word not in known:
+            raise PluginError(f"{what} of {brought.origin} has no word {word!r}{nearest(str(word), known)}")
+    try:
+        return form(**brought.value)
+    except (TypeError, ValueError) as error:
+        raise PluginError(f"{what} of {brought.origin} cannot be read: {error}") from error
+
+
+def spectrum(name: str) -> str:
+    """The path of the CSV or SPDX file behind the name of a table, or of a path of one; '' for a table of colour-science, and for no table.
+
+    Raises
+    ------
+    ValueError
+        Two distributions bring it, or one does without the file.
+    """
+    if name.endswith(hookspecs.SPECTRA):
+        return name
+    brought = installed().all("spectra", name)
+    if not brought or brought[0].value == hookspecs.LIBRARY == brought[-1].value:
+        return ""
+    if clash := installed().clash("spectra", name):
+        raise ValueError(f"the spectrum {name!r} is {clash}")
+    try:
+        path = os.fspath(brought[0].value)
+    except TypeError:
+        path = ""
+    if not path.endswith(hookspecs.SPECTRA) or not os.path.isfile(path):
+        raise ValueError(f"the spectrum {name!r} of {brought[0].origin} has no CSV or SPDX file: {brought[0].value!r}")
+    return str(path)

@@ -1,0 +1,106 @@
+"""What a distribution may bring: one hook for each vocabulary, in one small manifest module, named by one entry point.
+
+    [project.entry-points.etendue]
+    my-camera = "my_camera.manifest"
+
+The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported when they are
+used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline that uses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from typing import Any
+
+import pluggy
+
+PROJECT = "etendue"
+GROUP = "etendue"
+SPECTRA = (".csv", ".spdx")  # endings of files with tables by wavelength
+LIBRARY = "colour-science"  # in place of a path: a table of this library
+FORMER_GROUP = "etendue.stages"  # one entry point per stage: no longer read
+hookspec = pluggy.HookspecMarker(PROJECT)
+hookimpl = pluggy.HookimplMarker(PROJECT)
+
+
+@hookspec
+def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
+    """Stages: where their class stands, or the class itself.
+
+    {"vignette": "my_camera.stages:Vignette"}
+    """
+
+
+@hookspec
+def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
+
+    {"halo": {"long_name": "light scattered by the film's base", "units": "W m-2 nm-1", "shown": "linear"}}
+    """
+
+
+@hookspec
+def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Camera quantities, shared by stages under ``[camera]``: the words of ``param()``, and a default unless it must be given.
+
+    {"film_thickness": {"default": 120.0, "units": "um", "above": 0, "doc": "of the film's base"}}
+    """
+
+
+@hookspec
+def etendue_sensors() -> Mapping[str, Mapping[str, Any] | str | PathLike[str]]:  # type: ignore[empty-body]
+    """Sensors that ``[camera] sensor`` may name: the path of a TOML file as in ``etendue/data/sensors``, or the same as a mapping.
+
+    {"my-film": Path(__file__).parent / "my_film.toml"}
+    """
+
+
+@hookspec
+def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """What stages are alternatives to, in a sentence.
+
+    {"halation": "light that comes back from behind the sensitive layer"}
+    """
+
+
+@hookspec
+def etendue_spectra() -> Mapping[str, str | PathLike[str]]:  # type: ignore[empty-body]
+    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV (``wavelength_nm,a,b,...``) or SPDX file.
+
+    {"my tungsten": Path(__file__).parent / "tungsten.csv"}
+    """
+
+
+@hookspec
+def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does (``cli.commands.Command``).
+
+    {"halation": {"place": "my_film.cli:halation", "usage": "FILE", "doc": "how far light comes back from the base"}}
+    """
+
+
+@hookspec
+def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """Methods of ``etendue.Pipeline`` and ``etendue.Archive``: a function whose first argument is the one or the other.
+
+    {"Pipeline.halation": "my_film.study:halation_of"}
+    """
+
+
+@hookspec
+def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` where there
+    are none.
+
+    {"halation": "my_film.study:shares_at"}
+    """
+
+
+@hookspec
+def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """How arrays become colours: for a dim in front of y and x a function of (drawn, edges, names) that gives (3, n) from its n planes to
+    linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text that gives rows and colours by letter.
+
+    {"layer": "my_film.seen:of_layers"}
+    """

@@ -1,0 +1,1 @@
+"""What people see: one renderer, tables, plots, the page, the terminal."""

@@ -1,0 +1,187 @@
+"""The document behind a page: all that it shows of an archive, as plain JSON with one blob of packed numbers.
+
+In:  an archive opened to be shown.
+Out: a mapping for ``json.dumps``. Every text in it may be a stranger's: whoever shows it shows it as text.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+import shlex
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from etendue.contract import quantities as camera
+from etendue.contract.variables import variable, without
+from etendue.plan.sensors import SENSOR
+from etendue.present.page.columns import Columns
+from etendue.present.page.figures import Coordinate, Figure, figures
+from etendue.present.page.looks import pictured
+from etendue.present.page.opened import Opened
+from etendue.present.page.opening import opening
+from etendue.present.page.tables import NUMBERS, WORDS, Ledger, failures, ledger, measured, omissions, stage_rows
+
+FORMAT = 1
+MOST_ROWS = 400_000  # cells whose rows are in the page; of more there are the sums
+
+
+def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """All that is shown. ``about``: what is said of installed stages, by name; ``pictures``: those that the page carries."""
+    columns = Columns()
+    table = ledger(opened)
+    found, omitted = figures(opened)
+    record, pipeline = opened.record, _pipeline(opened)
+    first = opening(found, opened.axes, start_of(opened), table)
+    if first["front"] and first["front"]["usable"] is not None:
+        first["front"]["usable"] = columns.put(first["front"]["usable"], "u1")
+    start = first["place"]
+    return {
+        "format": FORMAT,
+        "made_by": f"etendue {importlib.metadata.version('etendue')}",
+        "archive": opened.folder.resolve().name,
+        "name": str(record["pipeline"]),
+        "title": str(pipeline.get("about", {}).get("title", "")) if isinstance(pipeline.get("about"), dict) else "",
+        "description": str(pipeline.get("description", "")),
+        "running": opened.running,
+        "ended": opened.ended,
+        "progress": opened.progress,
+        "axes": [
+            {"dim": a.dim, "key": a.key, "label": a.label, "units": a.units, "text": a.text, "values": list(a.values)} for a in opened.axes
+        ],
+        "start": start,
+        "opening": first,
+        "stages": stage_rows(opened, table, about),
+        "camera": _camera(opened),
+        "figures": [_figure(one, columns) for one in found],
+        "omitted": [vars(one) for one in omitted],
+        "pictured": [{"stage": stage, "variable": variable, **_said(opened, stage, variable)} for stage, variable in pictured(opened)],
+        "pictures": dict(pictures or {}),
+        "cells": _cells(opened, table, columns),
+        "omissions": omissions(table),
+        "failures": failures(opened, table),
+        "damaged": sorted(opened.damaged),
+        "measured": measured(opened),
+        "blame": None,
+        "losses_command": _losses_command(opened, start),
+        "provenance": _provenance(opened),
+        "blob": columns.text(),
+    }
+
+
+def plain(value: Any) -> Any:
+    """A document that is JSON: no NaN, no infinity."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None if math.isnan(value) else "inf" if value > 0 else "-inf"
+    if isinstance(value, Mapping):
+        return {str(key): plain(own) for key, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(own) for own in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    return value
+
+
+def start_of(opened: Opened) -> dict[str, int]:
+    """Where a page begins without a choice, as the contact sheet: the camera's own value where it is on the axis, else the middle."""
+    said = {*_pipeline(opened).get("camera", {}), *(key.removeprefix("camera.") for key in opened.record.get("overrides", {}))}
+    start = {}
+    for axis in opened.axes:
+        own = opened.record["camera"].get(axis.key) if axis.key in said else None
+        given = opened.record["axes"].get(axis.key) or list(axis.values)
+        if not isinstance(own, int | float | str) or own not in axis.places:
+            own = given[len(given) // 2]
+        start[axis.dim] = axis.places.get(own, len(axis.values) // 2)
+    return start
+
+
+def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
+    """What says which stage the losses are owed to, at the cell where the page begins.
+
+    '' where it holds no pipeline file, and where stages or sensors are swept: a name along such an axis stands for a table of the sweep.
+    """
+    last = sorted((opened.folder / "runs").glob("*.toml"))
+    if not last or any(len(axis.values) > 1 and (axis.key == SENSOR or axis.key.endswith(".use")) for axis in opened.axes):
+        return ""
+    words = ["etendue", "losses", f"{opened.folder.resolve().name}/runs/{last[-1].name}"]
+    for axis in opened.axes:
+        if len(axis.values) > 1:
+            words += ["--set", f"{axis.key if '.' in axis.key else f'camera.{axis.key}'}={axis.values[start[axis.dim]]}"]
+    return shlex.join(words)
+
+
+def _pipeline(opened: Opened) -> dict[str, Any]:
+    try:
+        return tomllib.loads(str(opened.record.get("text", "")))
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return {}
+
+
+def _camera(opened: Opened) -> list[dict[str, Any]]:
+    """The camera's quantities that some stage has used, with units; which of them are swept."""
+    used = {name for node in opened.record["nodes"].values() for name in node.get("shown", {})}
+    swept = {axis.key for axis in opened.axes}
+    rows = []
+    for name, value in opened.record["camera"].items():
+        if name in used and name not in swept:
+            quantity = camera.declared(name) if name in camera.names() else None
+            units = quantity.units if quantity else ""
+            rows.append({"name": name, "value": value, "units": "" if units == "1" else units, "what": quantity.doc if quantity else ""})
+    return rows
+
+
+def _said(opened: Opened, stage: str, variable: str) -> dict[str, str]:
+    attrs = next(group.data[variable].attrs for group in opened.groups[stage] if variable in group.variables)
+    units = str(attrs.get("units", "1"))
+    return {"label": str(attrs.get("long_name", variable)) + without(attrs), "units": "" if units == "1" else units}
+
+
+def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
+    dims = [
+        {
+            "name": dim, "size": size,
+            "coordinates": [_coordinate(c, columns) for c in one.coordinates[dim]],
+        }
+        for dim, size in zip(one.dims, one.values.shape[len(one.axes) :], strict=True)
+    ]  # fmt: skip
+    return {
+        "stage": one.stage, "variable": one.variable, "label": one.label, "units": one.units, "axes": list(one.axes), "dims": dims,
+        "meanings": list(one.meanings), "better": variable(one.variable).better, "data": columns.put(one.values),
+    }  # fmt: skip
+
+
+def _coordinate(one: Coordinate, columns: Columns) -> dict[str, Any]:
+    said = {"name": one.name, "label": one.label, "units": one.units, "axes": list(one.axes)}
+    if one.values.dtype.kind in "fiu":
+        return {**said, "data": columns.put(one.values, "f8")}
+    return {**said, "labels": [str(v) for v in one.values.ravel().tolist()]}
+
+
+def _cells(opened: Opened, table: Ledger, columns: Columns) -> dict[str, Any]:
+    """The ledger, a column each; of a very large archive nothing but its size."""
+    rows = len(table["stage"])
+    if rows > MOST_ROWS:
+        return {"rows": rows, "columns": {}, "at": {}}
+    packed = {name: columns.words(table[name]) for name in WORDS if name != "message"}
+    packed |= {name: columns.put(table[name]) for name in NUMBERS}
+    at = {}
+    for axis in opened.axes:
+        if axis.dim in table["at"]:
+            places = axis.places
+            at[axis.dim] = columns.put([places.get(v, len(axis.values)) for v in table["at"][axis.dim].tolist()], "u4")
+    return {"rows": rows, "columns": packed, "at": at}
+
+
+def _provenance(opened: Opened) -> dict[str, Any]:
+    record = opened.record
+    last = sorted((opened.folder / "runs").glob("*.toml"))
+    return {
+        "began": str(record.get("began", "")), "runs": len(opened.runs), "platform": record.get("platform", {}),
+        "libraries": record.get("libraries", {}), "options": record.get("options", {}), "overrides": record.get("overrides", {}),
+        "sensor": str(record.get("sensor", "")), "text": str(record.get("text", "")),
+        "distributions": sorted({d for node in record["nodes"].values() for d in node.get("distributions", [])}),
+        "pipeline_file": f"runs/{last[-1].name}" if last else "",
+    }  # fmt: skip

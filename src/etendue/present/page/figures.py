@@ -1,0 +1,134 @@
+"""The figures of an archive: every variable that is no picture, over all axes that reach it.
+
+In:  an archive opened to be shown.
+Out: ``Figure``s: numbers over axes, then over dims of their own (stages, channels, frequencies), with the coordinates of those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.variables import without
+from etendue.errors import ArchiveError
+from etendue.present.page.opened import PLANE, Group, Opened
+
+LARGEST = 4096  # numbers of a cell: what has more is neither figure nor curve
+MOST = 4_000_000  # numbers of one figure over all cells
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """What the positions along a dim are: labels or numbers, over the axes that move them."""
+
+    name: str
+    label: str
+    units: str
+    axes: tuple[str, ...]
+    values: Any  # (axes..., dim)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One variable of one stage over every cell; what was not computed is NaN."""
+
+    stage: str
+    variable: str
+    label: str
+    units: str
+    axes: tuple[str, ...]
+    dims: tuple[str, ...]
+    values: Any  # (axes..., dims...)
+    coordinates: dict[str, list[Coordinate]] = field(default_factory=dict)
+    meanings: tuple[str, ...] = ()  # of whole numbers that stand for something
+
+
+@dataclass(frozen=True)
+class Omitted:
+    """A variable that is not shown, and why."""
+
+    stage: str
+    variable: str
+    why: str
+
+
+def figures(opened: Opened) -> tuple[list[Figure], list[Omitted]]:
+    """Every figure in the order of the stages, and what is too large for one."""
+    found: list[Figure] = []
+    omitted: list[Omitted] = []
+    for stage in opened.stages:
+        groups = opened.groups.get(stage, [])
+        names = dict.fromkeys(name for group in groups for name in group.variables)
+        for name in names:
+            holding = [group for group in groups if name in group.variables]
+            dims = holding[0].variables[name]
+            if dims[-2:] == PLANE or any(group.variables[name] != dims for group in holding):
+                continue
+            size = int(np.prod([max(int(group.data.sizes[dim]) for group in holding) for dim in dims], dtype=int))
+            cells = int(np.prod([len(opened.axis(dim).values) for dim in opened.reaching(stage)], dtype=int))
+            if size > LARGEST or size * cells > MOST:
+                omitted.append(Omitted(stage, name, f"{size * cells:,} numbers: read it from the archive"))
+            else:
+                found.append(_figure(opened, stage, name, holding))
+    return found, omitted
+
+
+def _figure(opened: Opened, stage: str, name: str, groups: list[Group]) -> Figure:
+    axes, dims = opened.reaching(stage), groups[0].variables[name]
+    sizes = [max(int(group.data.sizes[dim]) for group in groups) for dim in dims]
+    values = np.full([*(len(opened.axis(dim).values) for dim in axes), *sizes], np.nan)
+    for group, place, array in _arrays(opened, groups, name):
+        order = [list(group.axes).index(dim) for dim in axes]
+        where: tuple[Any, ...] = (*(place[i] for i in order), *(slice(size) for size in array.shape))
+        values[where] = array
+    widest = max(groups, key=lambda group: sum(int(group.data.sizes[dim]) for dim in dims))
+    attrs = groups[0].data[name].attrs
+    units = str(attrs.get("units", "1"))
+    return Figure(
+        stage, name, str(attrs.get("long_name", name)) + without(attrs), "" if units == "1" else units, axes, dims, values,
+        {dim: _coordinates(opened, widest, dim) for dim in dims}, _meanings(groups[0], name),
+    )  # fmt: skip
+
+
+def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Group, tuple[int, ...], Any]]:
+    for group in groups:
+        for place, cell in opened.cells(group):
+            if opened.has(cell):
+                try:
+                    yield group, place, np.asarray(opened.read(cell, name), dtype=float)
+                except (ArchiveError, IndexError):  # given up since, or damaged: it is not there
+                    continue
+
+
+def _meanings(group: Group, name: str) -> tuple[str, ...]:
+    """The names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim named ``factor`` for a place in that list."""
+    attrs = group.data[name].attrs
+    words = str(attrs.get("flag_meanings", "")).split()
+    flags = np.atleast_1d(attrs.get("flag_values", range(len(words)))).tolist()
+    if words and flags == list(range(len(words))):
+        return tuple(words)
+    if name == "limiting_factor" and "factor" in group.data.coords:
+        return tuple(map(str, group.data["factor"].to_numpy().tolist()))
+    return ()
+
+
+def _coordinates(opened: Opened, group: Group, dim: str) -> list[Coordinate]:
+    """What stands along a dim; the one with its own name first."""
+    found = []
+    for name, own in group.data.coords.items():
+        if dim not in own.dims or any(other != dim and other not in group.axes for other in own.dims) or own.dims[-1] != dim:
+            continue
+        axes = tuple(str(other) for other in own.dims[:-1])
+        values = own.to_numpy()
+        for number, axis in enumerate(axes):
+            order = [list(group.axes[axis]).index(v) if v in group.axes[axis] else -1 for v in opened.axis(axis).values]
+            values = np.take(values, order, axis=number)
+        units = str(own.attrs.get("units", "1"))
+        label = str(own.attrs.get("long_name", name))
+        found.append(Coordinate(str(name), label, "" if units == "1" else units, axes, values))
+    if not any(one.name == dim for one in found):
+        found.append(Coordinate(dim, dim, "", (), np.arange(int(group.data.sizes[dim]), dtype=float)))
+    return sorted(found, key=lambda one: one.name != dim)

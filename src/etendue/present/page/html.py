@@ -1,0 +1,64 @@
+"""The page itself: one HTML text with its style, its script and its document in it, which asks nobody for anything.
+
+In:  a document; whether it is live, beside a server on this machine.
+Out: HTML. Style and script run by their SHA-256 alone; no text of the document is ever taken for markup.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from etendue.present.page.document import plain
+
+SCRIPTS = (
+    "base.js", "charts.js", "maps.js", "panels.js", "sections.js", "opening.js", "explore.js", "tables.js", "live.js", "panes.js",
+    "start.js",
+)  # fmt: skip
+
+
+@cache
+def static(name: str) -> str:
+    return files("etendue.present.page").joinpath("static", name).read_text(encoding="utf-8")
+
+
+@cache
+def _script() -> str:
+    """All of it in one function: nothing of it is global."""
+    return "(() => {\n'use strict';\n" + "\n".join(static(name) for name in SCRIPTS) + "\n})();\n"
+
+
+def page(document: Mapping[str, Any], live: bool = False) -> str:
+    """The HTML of a document."""
+    style, script = static("page.css"), _script()
+    policy = "; ".join(
+        [
+            "default-src 'none'", f"script-src '{_digest(script)}'", f"style-src '{_digest(style)}'", "img-src data: blob:",
+            "connect-src 'self'" if live else "connect-src 'none'", "base-uri 'none'", "form-action 'none'",
+        ]
+    )  # fmt: skip
+    names = dict.fromkeys([str(document["name"]), str(document.get("archive", document["name"]))])  # of the pipeline, of the folder
+    parts = {
+        "policy": policy,
+        "title": html.escape(" · ".join([*names, "etendue"])),
+        "style": style,
+        "document": embedded(document),
+        "script": script,
+    }
+    return "".join(parts.get(piece, piece) for piece in static("page.html").split("@@"))
+
+
+def embedded(document: Mapping[str, Any]) -> str:
+    """JSON that no parser of HTML takes for the end of its element."""
+    text = json.dumps(plain(document), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _digest(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"

@@ -1,0 +1,307 @@
+"""What the live page asks of an archive: how far it is, pictures, values under the pointer, lines, histograms.
+
+In:  the folder of an archive; a question and its words.
+Out: JSON or pixels. Arrays are those of the store, held against its digests; of a running sweep every cell that is finished.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.archive.journal import NAME as JOURNAL
+from etendue.errors import ArchiveError
+from etendue.present.page.document import document, plain
+from etendue.present.page.html import page
+from etendue.present.page.looks import Picture, picture, pictured
+from etendue.present.page.opened import FINISHED, Opened
+from etendue.present.page.report import about_stages
+from etendue.present.page.shots import strip
+
+HELD = 768 * 2**20  # bytes of arrays that are kept at hand
+PATIENCE = 2.0  # seconds between two looks at a growing archive, at least
+SHARE = 6.0  # and so many times as long as a look takes
+BINS = 96
+LONGEST = 16384  # samples of a line
+Words = Mapping[str, str]
+
+
+class Refused(Exception):
+    """A question that has no answer: its status of HTTP, and why."""
+
+    def __init__(self, status: int, why: str) -> None:
+        super().__init__(why)
+        self.status = status
+
+
+class Missing(Refused):
+    """A cell that is not there, or not yet."""
+
+
+class Live:
+    """An archive as it is from moment to moment."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.opened = Opened(folder)
+        self.about = about_stages(self.opened)
+        self.serial = 1
+        self._lock = threading.RLock()
+        self._drawn: tuple[int, dict[str, Any]] | None = None
+        self._pictures: OrderedDict[tuple[Any, ...], Picture] = OrderedDict()
+        self._seen, self._state, self._cost = time.monotonic(), self._stat(), 0.5
+        self._made()
+        self.answers: dict[str, Callable[[Words], tuple[str, bytes, dict[str, str]]]] = {
+            "": self._page, "state": self._now, "document": self._document, "picture": self._picture, "probe": self._probe,
+            "line": self._line, "histogram": self._histogram,
+        }  # fmt: skip
+
+    def _stat(self) -> tuple[int, int]:
+        found = (self.folder / JOURNAL).stat()
+        return found.st_size, found.st_mtime_ns
+
+    @property
+    def gone(self) -> bool:
+        """Whether the archive is no longer in its place."""
+        return not (self.folder / JOURNAL).is_file()
+
+    def refresh(self) -> None:
+        """Look again, where something was written since and the last look was not just now."""
+        with self._lock:
+            if time.monotonic() - self._seen < max(PATIENCE, SHARE * self._cost):
+                return
+            state = self._stat()
+            if state == self._state and not self.opened.running:
+                self._seen = time.monotonic()
+                return
+            begun = time.monotonic()
+            try:
+                fresh = Opened(self.folder)
+            except ArchiveError:  # a run is beginning, or files are being put in their places: what was seen last stays
+                self._seen = time.monotonic()
+                return
+            _ = fresh.progress  # as of now: its rate is of what has been seen
+            self.opened, self._state = fresh, state
+            self.serial += 1
+            self._pictures.clear()
+            self._seen, self._cost = time.monotonic(), time.monotonic() - begun
+
+    # -- answers --------------------------------------------------------------------------------------
+
+    def shown(self, through: str) -> dict[str, Any]:
+        """The document as it is now; ``through``: how its page asks, ``server`` or ``frame``."""
+        made = self._made()
+        return {**made, "live": {**made["live"], "through": through}}
+
+    def _page(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        return "text/html; charset=utf-8", page(self.shown("server"), live=True).encode(), {}
+
+    def _made(self) -> dict[str, Any]:
+        with self._lock:
+            if self._drawn is None or self._drawn[0] != self.serial:
+                made = document(self.opened, self.about)
+                if self.opened.ended:
+                    made["pictures"] = {"strip": strip(self.opened, made["start"])[0]}
+                self._drawn = self.serial, {**made, "live": {"serial": self.serial}}
+            return self._drawn[1]
+
+    def _document(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        return _json(self._made())
+
+    def _now(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        self.refresh()
+        with self._lock:
+            failed = sum(1 for _ in self.opened.stored.journal.said.having("failed"))
+            return _json(
+                {
+                    **self.opened.progress, "running": self.opened.running, "ended": self.opened.ended, "serial": self.serial,
+                    "failed": failed,
+                }
+            )  # fmt: skip
+
+    def _picture(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        try:
+            one = self._asked(words)
+        except Missing as error:  # which is no fault of whoever asks
+            return "application/octet-stream", b"", {"X-Picture": json.dumps({"why": str(error)})}
+        gain = 2.0 ** min(20.0, max(-20.0, _number(words, "stops", 0.0)))
+        pixels = one.eight_bit(gain)
+        rgba = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
+        said = {
+            "width": one.size[1], "height": one.size[0], "y": one.origin[0], "x": one.origin[1], "dy": one.step[0], "dx": one.step[1],
+            "plane": one.on_plane, "scaled": one.scaled, "white": one.bright, "units": one.units,
+        }  # fmt: skip
+        return "application/octet-stream", rgba.tobytes(), {"X-Picture": json.dumps(plain(said), allow_nan=False)}
+
+    def _probe(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        """Values at one place behind every stage: at ``y``, ``x`` (um, or samples), or as shares ``v``, ``u`` of the picture."""
+        at, on_plane = self._at(words), words.get("plane") == "1"
+        rows = []
+        for stage, variable in pictured(self.opened):
+            row: dict[str, Any] = {"stage": stage, "variable": variable}
+            try:
+                one = self._shown(stage, variable, at)
+            except ArchiveError as error:
+                rows.append({**row, "why": str(error)})
+                continue
+            if one is None:
+                rows.append({**row, "why": self._why(stage, at)})
+                continue
+            if one.on_plane == on_plane:
+                place = one.sample(_number(words, "y"), _number(words, "x"))
+            else:
+                place = _share(one, _number(words, "v", -1.0), _number(words, "u", -1.0))
+            if place is None:
+                rows.append({**row, "why": "beside the picture"})
+                continue
+            values = np.asarray(one.array[..., place[0], place[1]]).ravel()
+            rows.append(
+                {
+                    **row, "row": place[0], "column": place[1], "units": one.units, "filter": one.filter_at(*place),
+                    "values": values.tolist(), "labels": _labels(one), "dims": list(one.dims),
+                }
+            )  # fmt: skip
+        return _json({"rows": rows})
+
+    def _line(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        """Values along a row or column, by channel; of a mosaic by filter."""
+        one = self._asked(words)
+        upright = words.get("along") == "y"
+        number = int(_number(words, "at_sample"))
+        if not 0 <= number < one.size[1 if upright else 0]:
+            raise Refused(404, "beside the picture")
+        series = {}
+        for name, plane, mask in _planes(one):
+            values = plane[:, number] if upright else plane[number]
+            own = mask[:, number] if upright else mask[number]
+            if own.any():
+                series[name] = [
+                    v if keep else None for v, keep in zip(values[:LONGEST].astype(float).tolist(), own[:LONGEST].tolist(), strict=True)
+                ]
+        axis = 0 if upright else 1
+        return _json({"series": series, "start": one.origin[axis], "step": one.step[axis], "plane": one.on_plane, "units": one.units})
+
+    def _histogram(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
+        """Counts by channel over some rows and columns, with mean, standard deviation and the shares at the ends."""
+        one = self._asked(words)
+        bounds = [int(_number(words, name, default)) for name, default in zip(("y0", "y1", "x0", "x1"), (0, 1e9, 0, 1e9), strict=True)]
+        region = (slice(max(0, bounds[0]), max(0, bounds[1])), slice(max(0, bounds[2]), max(0, bounds[3])))
+        planes = [(name, plane[region][mask[region]]) for name, plane, mask in _planes(one)]
+        planes = [(name, values[np.isfinite(values)].astype(float)) for name, values in planes]
+        planes = [(name, values) for name, values in planes if values.size]
+        if not planes:
+            return _json({"channels": [], "low": 0, "high": 1, "units": one.units})
+        low, high = min(v.min() for _, v in planes), max(v.max() for _, v in planes)
+        ceiling = self._ceiling(one)
+        channels = []
+        for name, values in planes:
+            counts, _ = np.histogram(values, BINS, (low, high if high > low else low + 1))
+            channels.append(
+                {
+                    "name": name, "counts": counts.tolist(), "samples": int(values.size), "mean": float(values.mean()),
+                    "deviation": float(values.std()), "at_zero": float((values <= 0).mean()),
+                    "at_top": None if ceiling is None else float((values >= ceiling * (1 - 1e-6)).mean()),
+                }
+            )  # fmt: skip
+        return _json({"channels": channels, "low": low, "high": high, "units": one.units, "ceiling": ceiling})
+
+    def _ceiling(self, one: Picture) -> float | None:
+        """The value above which nothing is told apart: the top code of a converter, 1 of what is relative to clipping or white."""
+        if one.units == "DN":
+            shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
+            bits = shown.get("bits", self.opened.record["camera"].get("bits"))
+            return float(2 ** int(bits) - 1) if isinstance(bits, int) else None
+        return 1.0 if one.units == "" else None
+
+    # -- what is asked for ------------------------------------------------------------------------------
+
+    def _at(self, words: Words) -> dict[str, int]:
+        """``f_number:2,pixel_pitch:0``: places on the axes; those that are not named are where the page begins."""
+        found = {axis.dim: 0 for axis in self.opened.axes}
+        for part in filter(None, words.get("at", "").split(",")):
+            dim, _, text = part.rpartition(":")
+            if dim not in found or not text.isdecimal() or int(text) >= len(self.opened.axis(dim).values):
+                raise Refused(404, "no such place on the axes")
+            found[dim] = int(text)
+        return found
+
+    def _asked(self, words: Words) -> Picture:
+        at, stage, variable = self._at(words), words.get("stage", ""), words.get("variable", "")
+        if (stage, variable) not in pictured(self.opened):
+            raise Refused(404, "no such picture")
+        try:
+            found = self._shown(stage, variable, at)
+        except ArchiveError as error:
+            raise Refused(404, str(error)) from None
+        if found is None:
+            raise Missing(404, self._why(stage, at))
+        return found
+
+    def _why(self, stage: str, at: Mapping[str, int]) -> str:
+        """Why there is no picture of a cell."""
+        status = self.opened.status(stage, at)
+        return "too large to be shown, or no longer kept" if status.replace(" ", "_") in FINISHED else status
+
+    def _shown(self, stage: str, variable: str, at: Mapping[str, int]) -> Picture | None:
+        with self._lock:
+            opened = self.opened
+            key = (stage, variable, *(at[dim] for dim in opened.reaching(stage)))
+            if key in self._pictures:
+                self._pictures.move_to_end(key)
+                return self._pictures[key]
+            found = picture(opened, stage, variable, at)
+            if found is not None:
+                self._pictures[key] = found
+                while sum(own.array.nbytes for own in self._pictures.values()) > HELD and len(self._pictures) > 1:
+                    self._pictures.popitem(last=False)
+            return found
+
+
+def _json(value: Any) -> tuple[str, bytes, dict[str, str]]:
+    return "application/json", json.dumps(plain(value), allow_nan=False, separators=(",", ":")).encode(), {}
+
+
+def _number(words: Words, name: str, default: float | None = None) -> float:
+    try:
+        found = float(words[name]) if name in words else default
+    except ValueError:
+        found = None
+    if found is None or not np.isfinite(found):
+        raise Refused(400, f"{name} is no number")
+    return found
+
+
+def _share(one: Picture, v: float, u: float) -> tuple[int, int] | None:
+    return (int(v * one.size[0]), int(u * one.size[1])) if 0 <= v < 1 and 0 <= u < 1 else None
+
+
+def _labels(one: Picture) -> list[str]:
+    """What each number of a sample is: the channel, the band, the frame."""
+    found = [""]
+    for dim in one.dims:
+        found = [f"{before} {label}".strip() for before in found for label in one.labels(dim)]
+    return found
+
+
+def _planes(one: Picture) -> list[tuple[str, Any, Any]]:
+    """(name, plane, where it is told of) of each channel; of a mosaic the same plane for each of its filters; of many bands their sum."""
+    array = one.array
+    for dim in one.dims:
+        if dim not in ("channel", "wavelength"):
+            array = array[len(array) // 2]
+    everywhere = np.ones(one.size, bool)
+    if array.ndim == 3:
+        if "wavelength" in one.dims:
+            return [("mean of all bands", np.asarray(array).mean(axis=0), everywhere)]
+        return [(name, np.asarray(plane), everywhere) for name, plane in zip(one.labels("channel"), array, strict=True)]
+    letters = one.filter_letters()
+    if letters is None:
+        return [("", np.asarray(array), everywhere)]
+    return [(str(letter), np.asarray(array), letters == letter) for letter in dict.fromkeys(letters.ravel()[: 64 * one.size[1]].tolist())]

@@ -1,0 +1,263 @@
+"""How a page opens: which camera of a sweep to build and why, what limits it, how far it may be wrong; and every figure in one place.
+
+In:  the figures of an archive, the values of its axes, its ledger.
+Out: plain JSON, ``usable`` aside, an array: the place that is chosen, the front on which it lies, its neighbours, at most eight figures,
+all others by subject.
+
+The front is of detail against noise where a sweep moves both, else of the first two subjects of `OPEN` that it moves. Chosen is the camera
+that gives up least: of its two shares of the best that any usable camera reaches, the lesser is the largest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.variables import Variable
+from etendue.contract.variables import variable as known
+from etendue.present.page.figures import Figure
+from etendue.present.page.opened import Axis
+from etendue.present.page.tables import Ledger
+from etendue.present.plots.pareto import front
+
+OPEN = ("detail", "noise", "dynamic range", "clipping", "aliasing", "colour", "information", "exposure")  # a figure of each stands open
+SUBJECTS = (*OPEN, "defective pixels", "lens", "pixel")
+OTHER = "other"
+CAP = "sampling"  # the factor beyond which nothing is resolved, however good all else is
+MOST_OPEN = 8
+CLIPPED = 0.01  # share of pixels: a camera that clips more is not chosen while others clip less
+MOST_CELLS = 1_000_000  # of a front
+MOST_FRONT = 60
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number a cell: a figure, or its value behind the last of the stages that it is of."""
+
+    figure: Figure
+    inner: int
+
+    @property
+    def known(self) -> Variable:
+        return known(self.figure.variable)
+
+    @property
+    def subject(self) -> str:
+        return self.known.subject or OTHER
+
+    @property
+    def said(self) -> dict[str, Any]:
+        return {"stage": self.figure.stage, "variable": self.figure.variable, "inner": self.inner}
+
+    @property
+    def values(self) -> Any:
+        """Over its axes."""
+        own = self.figure.values
+        return own.reshape(*own.shape[: len(self.figure.axes)], -1)[..., self.inner]
+
+    def over(self, axes: Sequence[Axis]) -> Any:
+        """Over some axes of the sweep, its own among them."""
+        own = list(self.figure.axes)
+        sizes = [len(axis.values) if axis.dim in own else 1 for axis in axes]
+        order = [own.index(axis.dim) for axis in axes if axis.dim in own]
+        return np.broadcast_to(self.values.transpose(order).reshape(sizes), [len(axis.values) for axis in axes])
+
+    def at(self, place: Mapping[str, int]) -> float:
+        return float(self.values[tuple(place[dim] for dim in self.figure.axes)])
+
+    def worth(self, values: Any) -> Any:
+        """More is better, in equal ratios: decibels and stops are ratios already."""
+        if self.figure.units in ("dB", "stop"):
+            values = 10 ** (values / 20) if self.figure.units == "dB" else 2.0**values
+        return values if self.known.better == "higher" else -values
+
+
+def opening(figures: Sequence[Figure], axes: Sequence[Axis], start: Mapping[str, int], table: Ledger) -> dict[str, Any]:
+    """How the page opens. ``start``: where it does when there is nothing to choose."""
+    numbers = [one for figure in figures if (one := _number(figure)) is not None]
+    chosen = _front(numbers, axes)
+    place = {**start, **chosen["place"]} if chosen else dict(start)
+    return {
+        "front": chosen,
+        "place": place,
+        "limits": _limits(figures, place),
+        "error": _error(table, axes, place),
+        "open": [one.said for one in _open(numbers, chosen)],
+        "subjects": _subjects(figures),
+    }
+
+
+def _number(figure: Figure) -> Number | None:
+    if figure.dims not in ((), ("stage",)) or figure.meanings or not np.isfinite(figure.values).any():
+        return None
+    return Number(figure, int(np.prod(figure.values.shape[len(figure.axes) :], dtype=int)) - 1)
+
+
+def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
+    """The figures of a subject, that which says most first; of one variable that several stages write, the last stage's."""
+    last = {one.figure.variable: one for one in numbers if one.subject == subject}
+    return sorted(last.values(), key=lambda one: one.known.rank)
+
+
+def _open(numbers: Sequence[Number], chosen: Mapping[str, Any] | None) -> list[Number]:
+    """One figure of each subject, those of the front first; where no subject is known, the first that there are."""
+    found = []
+    for subject in OPEN:
+        ranked = _ranked(numbers, subject)
+        on = [one for one in ranked if chosen and one.said in (chosen["x"], chosen["y"])]
+        found += (on or [one for one in ranked if one.known.better or one.known.rank == 0])[:1]
+    rest = [one for one in _ranked(numbers, OTHER) if not any(_same(one, other) for other in found)]
+    return [*found, *rest][:MOST_OPEN]
+
+
+def _same(one: Number, other: Number) -> bool:
+    return one.figure.axes == other.figure.axes and np.array_equal(one.values, other.values, equal_nan=True)
+
+
+def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
+    """Every figure by what it is about, as (stage, variable)."""
+    found: dict[str, list[list[str]]] = {}
+    for one in figures:
+        found.setdefault(known(one.variable).subject or OTHER, []).append([one.stage, one.variable])
+    order = [*(s for s in SUBJECTS if s in found), *(s for s in found if s not in (*SUBJECTS, OTHER)), *([OTHER] if OTHER in found else [])]
+    return [{"subject": subject, "figures": found[subject]} for subject in order]
+
+
+# -- the front ------------------------------------------------------------------------------------------------------------
+
+
+def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | None:
+    """Two figures that a sweep trades for each other, and what lies on their front; None where it moves no two."""
+    if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
+        return None
+    moved = [own for subject in OPEN if (own := next(filter(_trades, _ranked(numbers, subject)), None))]
+    if len(moved) < 2:
+        return None
+    x, y = moved[:2]
+    over = [axis for axis in axes if axis.dim in {*x.figure.axes, *y.figure.axes}]
+    worth = np.stack([one.worth(one.over(over)).ravel() for one in (x, y)], axis=1)
+    there = np.isfinite(worth).all(axis=1)
+    if not there.any():
+        return None
+    burnt = _burnt(numbers, over).ravel()
+    usable = there & ~burnt if (there & ~burnt).any() else there
+    shares = _shares(np.where(usable[:, None], worth, np.nan))
+    on = np.flatnonzero(front(np.where(usable[:, None], worth, np.nan)))
+    least = shares[on].min(axis=1)
+    best = on[np.lexsort((-shares[on].sum(axis=1), -least))[0]]
+    shape = [len(axis.values) for axis in over]
+
+    def placed(cell: int) -> dict[str, int]:
+        return {axis.dim: int(i) for axis, i in zip(over, np.unravel_index(cell, shape), strict=True)}
+
+    order = on[np.argsort(worth[on, 0])]
+    if len(order) > MOST_FRONT:
+        order = order[np.unique(np.linspace(0, len(order) - 1, MOST_FRONT).round().astype(int))]
+    place = placed(int(best))
+    return {
+        "x": x.said, "y": y.said, "kinds": [x.subject, y.subject], "better": [x.known.better, y.known.better],
+        "dims": [axis.dim for axis in over], "place": place, "usable": usable if burnt.any() else None,
+        "shares": [float(v) for v in shares[best]], "on": [placed(int(cell)) for cell in order], "cells": int(there.sum()),
+        "burnt": int((there & burnt).sum()), "clipped": CLIPPED,
+        "beside": _beside(x, y, over, place, usable.reshape(shape)),
+    }  # fmt: skip
+
+
+def _trades(one: Number) -> bool:
+    """Whether a sweep moves it, and which way is better is known."""
+    known_values = one.values[np.isfinite(one.values)]
+    return bool(one.known.better) and not one.known.counted and known_values.size > 1 and bool(np.ptp(known_values) > 0)
+
+
+def _burnt(numbers: Sequence[Number], over: Sequence[Axis]) -> Any:
+    """Where more is clipped than a picture forgives."""
+    found = np.zeros([len(axis.values) for axis in over], bool)
+    dims = {axis.dim for axis in over}
+    for one in numbers:
+        if set(one.figure.axes) <= dims:
+            if one.known.counted == "overexposed":
+                found |= np.nan_to_num(one.over(over)) > 0
+            elif one.subject == "clipping" and one.known.better == "lower" and one.known.full == 1.0 and "black" not in one.figure.variable:
+                found |= np.nan_to_num(one.over(over)) > CLIPPED
+    return found
+
+
+def _shares(worth: Any) -> Any:
+    """Of the best of each column: its ratio, or, where less is better, that of the best to it; of what may be 0, the share of its range."""
+    found = np.empty_like(worth)
+    for number in range(worth.shape[1]):
+        own = worth[:, number]
+        low, high = np.nanmin(own), np.nanmax(own)
+        if low > 0:
+            found[:, number] = own / high
+        elif high < 0:
+            found[:, number] = high / own
+        else:
+            found[:, number] = (own - low) / (high - low) if high > low else 1.0
+    return found
+
+
+def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int], usable: Any) -> list[dict[str, Any]]:
+    """What one step along each axis would change: the ratio of both figures, and whether it would burn."""
+    found = []
+    for axis in over:
+        for step in (-1, 1):
+            there = {**place, axis.dim: place[axis.dim] + step}
+            if 0 <= there[axis.dim] < len(axis.values):
+                index = tuple(there[own.dim] for own in over)
+                pairs = [(one.at(place), one.at(there)) for one in (x, y)]
+                values = [b for _, b in pairs]
+                if all(math.isfinite(v) for pair in pairs for v in pair):
+                    found.append({"dim": axis.dim, "place": there[axis.dim], "values": values, "usable": bool(usable[index])})
+    return found
+
+
+# -- what limits, what may be wrong -----------------------------------------------------------------------------------------
+
+
+def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[str, Any]]:
+    """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
+
+    ``capped``: how many times the Nyquist frequency detail would reach; beyond 1 these pixels show none of it, whatever else is better.
+    """
+    found = []
+    for one in figures:
+        if not (known(one.variable).index and one.meanings and not one.dims):
+            continue
+        value = float(one.values[tuple(place[dim] for dim in one.axes)])
+        if not (value >= 0 and value < len(one.meanings)):
+            continue
+        dim = known(one.variable).names
+        gain = next((g for g in figures if g.stage == one.stage and g.dims == (dim,) and len(one.meanings) == g.values.shape[-1]), None)
+        own = gain.values[tuple(place[d] for d in gain.axes)] if gain is not None else None
+        found.append(
+            {
+                "stage": one.stage, "variable": one.variable, "subject": known(one.variable).subject or OTHER,
+                "factor": one.meanings[int(value)], "gain": None if own is None else float(own[int(value)]),
+                "capped": float(own[one.meanings.index(CAP)]) if own is not None and CAP in one.meanings else None,
+            }
+        )  # fmt: skip
+    return found
+
+
+def _error(table: Ledger, axes: Sequence[Axis], place: Mapping[str, int]) -> dict[str, Any]:
+    """The largest stated error of a stage in the cell at a place, and what leaving out may add there."""
+    here = np.ones(len(table["stage"]), bool)
+    for axis in axes:
+        column = table["at"].get(axis.dim)
+        if column is not None and axis.values:
+            value = axis.values[place[axis.dim]]
+            here &= np.array([v == value or v == "" or v != v for v in column.tolist()], bool)
+    errors = np.where(here, np.nan_to_num(table["error"], nan=-1.0), -1.0)
+    bounds = table["bound"][here]
+    bounds = bounds[np.isfinite(bounds)]
+    worst = int(errors.argmax()) if errors.size else 0
+    said = bool(errors.size) and errors[worst] >= 0
+    return {
+        "stage": str(table["stage"][worst]) if said else "", "largest": float(errors[worst]) if said else None,
+        "how": str(table["how"][worst]) if said else "", "bound": float(bounds.max()) if bounds.size else None,
+    }  # fmt: skip

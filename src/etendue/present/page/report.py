@@ -1,0 +1,84 @@
+"""``etendue report``: an archive in one HTML file.
+
+In:  the folder of an archive, where to write.
+Out: the file, written whole or not at all; how large it is, and what is in it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from etendue.contract.registry import installed_stages
+from etendue.errors import RequestError
+from etendue.present.page.document import document
+from etendue.present.page.html import page
+from etendue.present.page.opened import Opened
+from etendue.present.page.shots import shots
+from etendue.telling import printable
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of it."""
+
+    path: Path
+    bytes: int
+    cells: int  # whose figures are in it
+    pictured: int  # cells with pictures
+    failed: int
+
+
+Blame = Callable[[Path, Mapping[str, Any]], Mapping[str, Any]]  # (folder, values of axes by dim): what each stage is owed of what is lost
+
+
+def report(archive: Path, output: Path, blame: Blame | None = None) -> Written:
+    """Write the report of an archive. ``blame``: who says what each stage is owed of the losses at the cell where the page begins.
+
+    Raises
+    ------
+    ArchiveError
+        It is none, or damaged.
+    RequestError
+        The output is a folder.
+    """
+    if output.is_dir():
+        raise RequestError(f"-o {output} is a folder; name a file, such as {output / 'report.html'}")
+    opened = Opened(archive)
+    made = reported(opened)
+    if blame is not None:
+        made["blame"] = {**blame(archive, {axis.dim: axis.values[made["start"][axis.dim]] for axis in opened.axes}), "at": made["start"]}
+    text = page(made)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    partial = output.with_name(f".{output.name}.{os.getpid()}.partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, output)
+    finally:
+        partial.unlink(missing_ok=True)
+    failed = sum(row["cells"] for row in made["failures"]["rows"])
+    return Written(output, len(text.encode()), made["cells"]["rows"], len(made["pictures"]["places"]), failed)
+
+
+def reported(opened: Opened) -> dict[str, Any]:
+    """The document of a report: figures of all cells, pictures of a few."""
+    made = document(opened, about_stages(opened))
+    made = {**made, "pictures": shots(opened, made["start"])}
+    return {**made, "damaged": sorted(opened.damaged)}
+
+
+def about_stages(opened: Opened) -> Mapping[str, Mapping[str, str]]:
+    """What the installed stages of an archive say of themselves; of one that is not installed here, nothing."""
+    registry = installed_stages()
+    found = {}
+    for use in {str(one) for node in opened.record["nodes"].values() for one in node.get("stage", [])}:
+        if use in registry:
+            try:
+                said = (registry.load(use).__doc__ or "").strip().split("\n\n")[0]
+            except Exception:  # somebody's plugin is broken: the page says less
+                continue
+            found[use] = {"what": printable(" ".join(said.split()))}
+    return found

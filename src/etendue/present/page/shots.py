@@ -1,0 +1,168 @@
+"""The pictures that a report carries: every stage of one cell, and what a display shows of a few chosen cells.
+
+In:  an archive opened to be shown; how many bytes the pictures may take.
+Out: pictures as ``data:`` texts, with their number and size. Figures are of all cells; pictures are not.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import ArchiveError
+from etendue.present.page.looks import Picture, drawn_of, picture, pictured
+from etendue.present.page.opened import Opened
+
+MOST_CELLS = 64
+BUDGET = 3_300_000  # bytes of all pictures: 4.4 MB as text
+QUALITY = 90  # of WebP, where a lossless picture is too large
+LOSSLESS_SHARE = 0.45  # of the budget: as many bytes may the display's pictures take without loss
+STRIP_SHARE = 0.5  # which 24 noisy pictures of 256 x 192 take two thirds of
+
+
+def chosen(sizes: Sequence[int], start: Sequence[int], most: int = MOST_CELLS) -> list[tuple[int, ...]]:
+    """Places on axes of these sizes, at most ``most``: all of them, or corners, the place ``start`` and what lies evenly between."""
+    counts = [min(size, 2) for size in sizes]
+    if np.prod(counts, dtype=float) >= most and np.prod(sizes, dtype=float) > most:  # more axes than corners fit
+        corners = product(*([0, size - 1] if size > 1 else [0] for size in sizes))
+        return list(dict.fromkeys([tuple(start), *(corner for corner, _ in zip(corners, range(most - 1), strict=False))]))
+    grown = True
+    while grown:  # the axis with the fewest first; by two, so that there is a middle
+        grown = False
+        for number in sorted(range(len(sizes)), key=lambda n: counts[n]):
+            more = min(counts[number] + 2 - (counts[number] % 2 == 0), sizes[number])
+            tried = [*counts[:number], more, *counts[number + 1 :]]
+            if more > counts[number] and np.prod(tried, dtype=float) < most + (tried == list(sizes)):
+                counts, grown = tried, True
+                break
+    own = [_along(size, count, middle) for size, count, middle in zip(sizes, counts, start, strict=True)]
+    found = list(product(*own))
+    return found if tuple(start) in found else [*found, tuple(start)]
+
+
+def _along(size: int, count: int, middle: int) -> list[int]:
+    """So many places of an axis: its ends, ``middle``, and the rest evenly."""
+    places = [round(i * (size - 1) / max(1, count - 1)) for i in range(count)]
+    if middle not in places and count > 2:
+        places[min(range(1, count - 1), key=lambda i: abs(places[i] - middle))] = middle
+    return sorted(set(places))
+
+
+def shots(opened: Opened, start: dict[str, int], budget: int = BUDGET) -> dict[str, Any]:
+    """``strip``: every stage of the cell at ``start``; ``cells``: pictures of chosen cells, of the last stages first."""
+    first, spent = strip(opened, start, int(STRIP_SHARE * budget))
+    dims = [axis.dim for axis in opened.axes]
+    places = [dict(zip(dims, place, strict=True)) for place in chosen([len(axis.values) for axis in opened.axes], list(start.values()))]
+    shown: list[dict[str, Any]] = []
+    left_out: list[str] = []
+    for stage, variable in _wanted(opened):
+        made = _series(opened, stage, variable, places, budget - spent, lossless=not shown)
+        if made is None:
+            left_out.append(f"{stage}.{variable}")
+        elif made["pictures"]:
+            spent += made.pop("bytes")
+            shown.append(made)
+    return {
+        "strip": first, "places": [list(place.values()) for place in places], "series": shown, "left_out": left_out, "bytes": spent,
+    }  # fmt: skip
+
+
+def _wanted(opened: Opened) -> list[tuple[str, str]]:
+    """The last encoded picture first; then what lies in front of it, nearest first."""
+    everything = _shown(opened)
+    encoded = [one for one in everything if drawn_of(opened, *one).shown == "encoded"]
+    first = encoded[-1:] or everything[-1:]
+    seen = {variable for _, variable in first}
+    rest = []
+    for stage, variable in reversed(everything):
+        if variable not in seen and drawn_of(opened, stage, variable).shown != "map" and (opened.reaching(stage) or not opened.axes):
+            seen.add(variable)
+            rest.append((stage, variable))
+    return first + rest
+
+
+def _shown(opened: Opened) -> list[tuple[str, str]]:
+    return [one for one in pictured(opened) if drawn_of(opened, *one).shown]
+
+
+def strip(opened: Opened, start: dict[str, int], budget: int = int(STRIP_SHARE * BUDGET)) -> tuple[list[dict[str, Any]], int]:
+    """Every stage's picture of one cell, and their bytes: without loss, as far as that fits, the largest first with."""
+    found: list[dict[str, Any]] = []
+    exact: list[tuple[Any, bytes]] = []
+    for stage, variable in _shown(opened):
+        one = _picture(opened, stage, variable, start)
+        if one is None:
+            continue
+        small = one.small()
+        exact.append((small, _webp(small, None)))
+        found.append(
+            {
+                "stage": stage, "variable": variable, "size": [one.size[1], one.size[0]], "shown": [small.shape[1], small.shape[0]],
+                "scaled": one.scaled, "unencoded": one.drawn.shown == "unencoded", "units": one.units, "bright": one.bright,
+                "how": "without loss",
+            }
+        )  # fmt: skip
+    data = [whole for _, whole in exact]
+    for number in sorted(range(len(data)), key=lambda n: -len(data[n])):
+        if sum(map(len, data)) > budget:
+            data[number], found[number]["how"] = _webp(exact[number][0], QUALITY), f"WebP, quality {QUALITY}"
+    return [{**one, "data": _text(own)} for one, own in zip(found, data, strict=True)], sum(map(len, data))
+
+
+def _series(
+    opened: Opened, stage: str, variable: str, places: list[dict[str, int]], budget: float, lossless: bool
+) -> dict[str, Any] | None:
+    """One variable of all chosen cells, each cell once however many axes do not reach it; None where it does not fit."""
+    axes = opened.reaching(stage)
+    pictures: dict[str, str] = {}
+    sizes: dict[str, list[int]] = {}
+    raw: dict[str, Any] = {}
+    for place in places:
+        key = ",".join(str(place[dim]) for dim in axes)
+        if key in raw:
+            continue
+        one = _picture(opened, stage, variable, place)
+        raw[key] = None if one is None else one.small()
+        if one is not None:
+            sizes[key] = [one.size[1], one.size[0]]
+    there = {key: small for key, small in raw.items() if small is not None}
+    size = 0
+    how = f"WebP, quality {QUALITY}"
+    if lossless and there:
+        probe = [_webp(small, None) for small in list(there.values())[:: max(1, len(there) // 4)]]
+        if len(there) * sum(map(len, probe)) / len(probe) <= LOSSLESS_SHARE * BUDGET:
+            how = "without loss"
+    for key, small in there.items():
+        data = _webp(small, None if how == "without loss" else QUALITY)
+        size += len(data)
+        if size > budget:
+            return None
+        pictures[key] = _text(data)
+    return {
+        "stage": stage, "variable": variable, "axes": list(axes), "pictures": pictures, "sizes": sizes, "how": how, "bytes": size,
+        "scaled": drawn_of(opened, stage, variable).scaled,
+    }  # fmt: skip
+
+
+def _picture(opened: Opened, stage: str, variable: str, place: dict[str, int]) -> Picture | None:
+    try:
+        return picture(opened, stage, variable, place)
+    except (ArchiveError, ValueError, KeyError):  # damaged, or no picture after all
+        return None
+
+
+def _webp(pixels: Any, quality: int | None) -> bytes:
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "WEBP", lossless=quality is None, quality=40 if quality is None else quality, method=2)
+    return file.getvalue()
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(data).decode()

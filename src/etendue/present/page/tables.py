@@ -1,0 +1,143 @@
+"""Tables of an archive as a page shows them: its stages, its cells, what was left out, what failed, what was measured.
+
+In:  an archive opened to be shown.
+Out: plain lists and columns. Of a run that has not come to its end the journal says what there is; errors are in the ledger, at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray
+
+from etendue.archive.manifest import DATA
+from etendue.archive.remembered import documents
+from etendue.present.page.opened import Opened
+
+STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
+WORDS = ("stage", "status", "how", "approximated", "why_left_out", "message")
+NUMBERS = ("seconds", "error", "bound", "seconds_saved", "clipped")
+EXAMPLES = 5
+Ledger = dict[str, Any]
+
+
+def ledger(opened: Opened) -> Ledger:
+    """A column of each kind, a row per cell; ``at`` holds a column for every axis."""
+    if opened.ended:
+        try:
+            table = xarray.open_dataset(str(opened.folder / DATA), engine="zarr", group="ledger", chunks=None, consolidated=False).load()
+        except (OSError, KeyError, ValueError):
+            return _from_journal(opened)
+        found: Ledger = {name: np.asarray(table[name].to_numpy(), dtype=object).astype(str) for name in WORDS if name in table}
+        found |= {name: table[name].to_numpy().astype(float) for name in NUMBERS if name in table}
+        rows = int(table.sizes["cell"])
+        for name in WORDS:
+            found.setdefault(name, np.full(rows, "", dtype=object))
+        for name in NUMBERS:
+            found.setdefault(name, np.full(rows, math.nan))
+        found["at"] = {axis.dim: table[f"at_{axis.dim}"].to_numpy() for axis in opened.axes if f"at_{axis.dim}" in table}
+        return found
+    return _from_journal(opened)
+
+
+def _from_journal(opened: Opened) -> Ledger:
+    rows = [one for one in opened.stored.journal.said.told() if one[1] in ("done", "failed")]
+    planned = opened.stored.journal.run.planned if opened.stored.journal.run else {}
+    found: Ledger = {
+        "stage": np.array([name.split(" ")[0] for name, *_ in rows], dtype=object),
+        "status": np.array([status if event == "done" else "failed" for _, event, status, _, _ in rows], dtype=object),
+        "seconds": np.array([seconds for _, _, _, seconds, _ in rows], dtype=float),
+        "clipped": np.array([clipped for *_, clipped in rows], dtype=float),
+        "at": {},
+        "planned": dict(planned),
+    }
+    for name in WORDS:
+        found.setdefault(name, np.full(len(rows), "", dtype=object))
+    for name in NUMBERS:
+        found.setdefault(name, np.full(len(rows), math.nan))
+    return found
+
+
+def stage_rows(opened: Opened, table: Ledger, about: Mapping[str, Mapping[str, str]]) -> list[dict[str, Any]]:
+    """A row per stage: what it is, its axes, cells, seconds, errors."""
+    rows, nodes = [], opened.record["nodes"]
+    for number, stage in enumerate(opened.stages):
+        own = table["stage"] == stage
+        status, error = table["status"][own], table["error"][own]
+        node = nodes.get(stage, {})
+        use = [str(one) for one in node.get("stage", [stage])]
+        known = error[np.isfinite(error)]
+        rows.append(
+            {
+                "name": stage, "order": number + 1, "use": use, "role": [str(r) for r in node.get("role", [])],
+                "what": about.get(use[0], {}).get("what", ""), "distribution": [str(d) for d in node.get("distributions", [])],
+                "axes": list(opened.reaching(stage)), "shown": node.get("shown", {}), "inputs": node.get("inputs", []),
+                "cells": int(table.get("planned", {}).get(stage, own.sum())),
+                "done": int(np.isin(status, ("done", "reused")).sum()), "left_out": int((status == "left_out").sum()),
+                "failed": int((status == "failed").sum()), "skipped": int((status == "skipped").sum()),
+                "seconds": _total(table["seconds"][own]), "error": _largest(known),
+                "error_least": float(known.min()) if known.size else None,
+                "bound": _largest(table["bound"][own]), "how": sorted({str(h) for h in table["how"][own] if h}),
+            }
+        )  # fmt: skip
+    return rows
+
+
+def omissions(table: Ledger) -> list[dict[str, Any]]:
+    """What was left out or made coarser, and why: a row per stage and reason."""
+    rows = []
+    for kind, column in (("left out", "why_left_out"), ("coarser", "approximated")):
+        for stage, why, own in _by(table, table[column] != "", column):
+            rows.append(
+                {
+                    "kind": kind, "stage": stage, "why": why, "cells": int(own.sum()), "of": int((table["stage"] == stage).sum()),
+                    "bound": _largest(table["bound"][own]), "saved": _total(table["seconds_saved"][own]),
+                }
+            )  # fmt: skip
+    return rows
+
+
+def failures(opened: Opened, table: Ledger) -> dict[str, Any]:
+    """Cells that failed by stage and message, and how many behind them were skipped."""
+    rows = []
+    for stage, message, own in _by(table, table["status"] == "failed", "message"):
+        examples = [
+            {dim: _shown(column[row]) for dim, column in table["at"].items() if _shown(column[row]) not in (None, "")}
+            for row in np.flatnonzero(own)[:EXAMPLES]
+        ]
+        rows.append({"stage": stage, "message": message, "cells": int(own.sum()), "examples": examples})
+    return {"rows": rows, "skipped": int((table["status"] == "skipped").sum())}
+
+
+def measured(opened: Opened) -> list[dict[str, Any]]:
+    """Errors of what was wanted against the reference settings, as ``run --measure`` has found them last."""
+    found: dict[str, dict[str, Any]] = {}
+    for document in documents(opened.folder).values():
+        errors = document.get("errors")
+        for name, one in errors.items() if isinstance(errors, dict) else ():
+            if isinstance(one, dict) and isinstance(one.get("rms"), int | float):
+                found[str(name)] = {"variable": str(name), "rms": one["rms"], "max": one.get("max"), "how": str(one.get("how", ""))}
+    return sorted(found.values(), key=lambda one: -one["rms"])
+
+
+def _by(table: Ledger, which: Any, column: str) -> list[tuple[str, str, Any]]:
+    pairs = dict.fromkeys(zip(table["stage"][which].tolist(), table[column][which].tolist(), strict=True))
+    return [(str(stage), str(text), which & (table["stage"] == stage) & (table[column] == text)) for stage, text in pairs]
+
+
+def _total(values: Any) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.sum()) if known.size else None
+
+
+def _largest(values: Any) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else None
+
+
+def _shown(value: Any) -> Any:
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,1 @@
+"""From a variable to a picture, and pictures side by side."""

@@ -1,0 +1,193 @@
+"""The contact sheet: every stage of one cell in order, each with a part of it enlarged, and maps of figures over the sweep, in one PNG.
+
+In:  the table of frames of an archive; maps as ``report.small_maps`` draws them.
+Out: a PNG.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.variables import variable as known
+from etendue.present.pictures.details import SIDE
+
+BOX, LABEL, GAP, HEAD = 256, 34, 12, 34  # dots: a picture, the two lines above it, between pictures, a line of the title
+MOST = 360  # dots of a picture whose samples are enlarged a whole number of times
+COLUMNS = 4
+TITLE, TEXT = 18, 11  # dots: heights of letters
+LINE = 14  # dots from line to line of a label
+COMPRESSION = 3  # of 9: a third of the time of the usual 6, for 8 % more bytes
+MARK = (255, 40, 40)  # around a part
+MAPS_FROM = "maps from row"  # in the PNG: where the maps begin, which later runs may draw anew
+
+
+@dataclass(frozen=True)
+class _Tile:
+    text: tuple[str, str]
+    picture: Any
+    part: Any
+    place: tuple[float, ...]
+
+
+def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Any] = ()) -> None:
+    """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all.
+
+    Frames stand at a whole number of dots per sample where they are enlarged, and so does the mosaic: resampled by anything else it
+    shows a moire that is not in it. Pictures on a finer grid are made as large as those of the pixels. ``maps``: (y, x, 3) bytes each.
+    """
+    tiles = _tiles(table)
+    wide, high = max(t.picture.shape[1] for t in tiles), max(t.picture.shape[0] for t in tiles)
+    inset = SIDE + 4 if any(t.part is not None for t in tiles) else 0
+    high = max(high, SIDE if inset else 0)
+    across = min(COLUMNS if inset else COLUMNS + 1, len(tiles))
+    down = -(-len(tiles) // across)
+    width = max(across * (wide + inset + GAP) + GAP, *(one.shape[1] + 2 * GAP for one in maps), 420)
+    lines = textwrap.wrap(title, max(20, int(width / (0.58 * TITLE))))
+    head = HEAD + (len(lines) - 1) * (TITLE + 6)
+    pixels = np.full((head + down * (LABEL + high + GAP), width, 3), 255, np.uint8)
+    labels = []
+    for number, tile in enumerate(tiles):
+        row, column = divmod(number, across)
+        left, top = GAP + column * (wide + inset + GAP), head + row * (high + LABEL + GAP) + LABEL
+        y, x = tile.picture.shape[:2]
+        pixels[top : top + y, left : left + x] = tile.picture
+        if tile.part is not None:
+            _frame(pixels, top, left, tile.place, (y, x))
+            beside = left + x + 4
+            height, breadth = tile.part.shape[:2]
+            pixels[top : top + height, beside : beside + breadth] = tile.part
+            _edge(pixels, top, beside, height, breadth)
+        labels.append((left, top - 6, tile.text))
+    from PIL import Image, ImageDraw
+
+    whole = Image.fromarray(pixels)
+    drawn = ImageDraw.Draw(whole)
+    for line, words in enumerate(lines):
+        drawn.text((width / 2, 0.55 * HEAD + line * (TITLE + 6)), words, fill="black", font=font(TITLE), anchor="mm")
+    for left, bottom, text in labels:
+        for line, words in enumerate(reversed(text)):
+            drawn.text((left, bottom - line * LINE), words, fill="black", font=font(TEXT), anchor="ls")
+    _save(whole, maps, path)
+
+
+def with_maps(path: Path, sheet: Path, maps: Sequence[Any]) -> None:
+    """The sheet of an earlier run with the maps of this one below its pictures."""
+    from PIL import Image
+
+    with Image.open(sheet) as whole:
+        rows = int(whole.text.get(MAPS_FROM, whole.height)) if hasattr(whole, "text") else whole.height
+        pictures = whole.convert("RGB").crop((0, 0, whole.width, rows))
+    _save(pictures, maps, path)
+
+
+def _save(pictures: Any, maps: Sequence[Any], path: Path) -> None:
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    below = _flowed(maps, pictures.width)
+    whole = Image.new("RGB", (pictures.width, pictures.height + sum(high for high, _ in below)), "white")
+    whole.paste(pictures, (0, 0))
+    top = pictures.height
+    for high, row in below:
+        for left, one in row:
+            whole.paste(Image.fromarray(one), (left, top))
+        top += high
+    said = PngInfo()
+    said.add_text(MAPS_FROM, str(pictures.height))
+    temporary = path.with_name(path.name + ".partial")
+    whole.save(temporary, format="png", compress_level=COMPRESSION, pnginfo=said)
+    os.replace(temporary, path)
+
+
+def _flowed(maps: Sequence[Any], width: int) -> list[tuple[int, list[tuple[int, Any]]]]:
+    """Maps side by side in as many rows as they need: the height of each row, and where its maps begin."""
+    rows: list[tuple[int, list[tuple[int, Any]]]] = []
+    left = width
+    for one in maps:
+        y, x = one.shape[:2]
+        if not rows or left + x + GAP > width:
+            rows.append((0, []))
+            left = GAP
+        high, row = rows[-1]
+        rows[-1] = (max(high, y + GAP), [*row, (left, one)])
+        left += x + 2 * GAP
+    return rows
+
+
+def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
+    """The pictures as they are drawn."""
+    columns = {name: values for name, (_, values, _) in table["arrays"].items()}
+    sizes = [(int(columns["height"][n]), int(columns["width"][n])) for n in range(len(columns["preview"]))]
+    target = _target(sizes, [bool(h) for h in columns["detail_height"]])
+    tiles = []
+    for number, preview in enumerate(columns["preview"]):
+        y, x = sizes[number]
+        picture = np.moveaxis(preview[:, :y, :x], 0, -1)
+        stage, variable = str(columns["stage"][number]), str(columns["variable"][number])
+        text = f"{number + 1}. {stage.removesuffix(f'.{variable}')}"
+        size = f"{columns['true_width'][number]} x {columns['true_height'][number]}"
+        size += ", without gamma" if known(variable).shown == "unencoded" else ""
+        part = None
+        if columns["detail_height"][number]:
+            own = columns["detail"][number][:, : columns["detail_height"][number], : columns["detail_width"][number]]
+            part = _enlarged(np.moveaxis(own, 0, -1), SIDE)
+        tiles.append(_Tile((text, f"{variable}  {size}"), _enlarged(picture, target), part, tuple(columns["detail_place"][number])))
+    return tiles
+
+
+def _target(sizes: Sequence[tuple[int, int]], seen: Sequence[bool]) -> int:
+    """Dots of the longer side of all pictures: a whole number of times that of the coarsest."""
+    sides = [max(size) for size, one in zip(sizes, seen, strict=True) if one] or [max(size) for size in sizes]
+    coarsest = min(sides)
+    return coarsest * (-(-BOX // coarsest) if coarsest * -(-BOX // coarsest) <= MOST else max(1, BOX // coarsest))
+
+
+def _enlarged(picture: Any, target: int) -> Any:
+    """(y, x, 3) with a longer side of ``target``: samples as squares where that is a whole number of times, else resampled."""
+    y, x = picture.shape[:2]
+    times, left = divmod(target, max(y, x))
+    if times and not left:
+        return picture.repeat(times, axis=0).repeat(times, axis=1)
+    from PIL import Image
+
+    size = (max(1, round(x * target / max(y, x))), max(1, round(y * target / max(y, x))))
+    how = Image.Resampling.BOX if target < max(y, x) else Image.Resampling.NEAREST
+    return np.asarray(Image.fromarray(np.ascontiguousarray(picture)).resize(size, how))
+
+
+def _frame(pixels: Any, top: int, left: int, place: Sequence[float], size: tuple[int, int]) -> None:
+    """Where the part lies in its picture."""
+    y, x = round(place[0] * size[0]), round(place[1] * size[1])
+    high, wide = max(3, round(place[2] * size[0])), max(3, round(place[3] * size[1]))
+    high, wide = min(high, size[0]), min(wide, size[1])
+    _edge(pixels, top + min(y, size[0] - high), left + min(x, size[1] - wide), high, wide)
+
+
+def _edge(pixels: Any, top: int, left: int, high: int, wide: int) -> None:
+    """A line of one dot along the inside of a rectangle."""
+    own = pixels[top : top + high, left : left + wide]
+    own[[0, -1]] = MARK
+    own[:, [0, -1]] = MARK
+
+
+@lru_cache(maxsize=8)
+def font(height: int) -> Any:
+    """DejaVu Sans, which comes with matplotlib and has the letters of most scripts; else the one of Pillow."""
+    from PIL import ImageFont
+
+    found = importlib.util.find_spec("matplotlib")  # where it is, without importing it
+    for folder in (found.submodule_search_locations or ()) if found else ():
+        try:
+            return ImageFont.truetype(os.path.join(folder, "mpl-data", "fonts", "ttf", "DejaVuSans.ttf"), height)
+        except OSError:
+            continue
+    return ImageFont.load_default(height)

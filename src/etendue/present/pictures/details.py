@@ -1,0 +1,112 @@
+"""The same place of the scene in every stage, sample by sample: where blur and noise are seen.
+
+In:  the grids of the shown pictures; later, what was kept of each at full resolution.
+Out: rows of every picture that are kept while it is made small; among them the part that shows a strong edge between flat places.
+
+Pictures that fit are there whole. Of larger ones a band of rows is kept, the same of the scene in all, since nobody knows what is in
+it when its first stage is computed, and the part is looked for along the band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.grid import Grid, Line
+from etendue.transfer.resampling import area_weights
+
+SIDE = 132  # dots, and samples at most, along the side of a part as it is drawn
+BAND = 1 << 18  # samples of the coarsest picture that are kept at full resolution
+MIDDLE = 0.45  # where the band lies, as a share of the height: half way is where charts have their gaps
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of the image plane, um."""
+
+    top: float
+    bottom: float
+    left: float = -np.inf
+    right: float = np.inf
+
+    def rows(self, line: Line) -> tuple[int, int]:
+        return _within(line, self.top, self.bottom)
+
+    def columns(self, line: Line) -> tuple[int, int]:
+        return _within(line, self.left, self.right)
+
+
+def _within(line: Line, low: float, high: float) -> tuple[int, int]:
+    """First sample and the one behind the last between two positions; all of them where that is none."""
+    start, step = line.um()
+    if not step > 0:
+        return 0, line.size
+    first = 0 if np.isinf(low) else min(max(0, round((low - start) / step + 0.5)), line.size - 1)
+    last = line.size if np.isinf(high) else min(max(first + 1, round((high - start) / step + 0.5)), line.size)
+    return first, last
+
+
+def lines_of(grid: Grid) -> tuple[Line, Line] | None:
+    """The lines of a picture along y and x; None where it has none."""
+    if "y" not in grid or "x" not in grid:
+        return None
+    y, x = grid["y"], grid["x"]
+    return (y, x) if isinstance(y, Line) and isinstance(x, Line) else None
+
+
+def band_of(grids: Sequence[Grid]) -> Window | None:
+    """The rows that are kept of every picture."""
+    lines = [found for grid in grids if (found := lines_of(grid))]
+    if not lines:
+        return None
+    y, x = min(lines, key=lambda pair: pair[0].size * pair[1].size)
+    start, step = y.um()
+    rows = min(y.size, max(side_of((y.size, x.size)), BAND // max(x.size, 1)))
+    first = min(max(0, round(MIDDLE * y.size - rows / 2)), y.size - rows)
+    return Window(start + (first - 0.5) * step, start + (first + rows - 0.5) * step)
+
+
+def side_of(shape: tuple[int, int]) -> int:
+    """Samples of the coarsest picture along the side of a part: fewer of small pictures, which are drawn enlarged themselves."""
+    largest = max(shape)
+    return min(33 if largest >= 128 else 22 if largest >= 64 else 11, *shape)
+
+
+def part_of(picture: Any, side: int) -> tuple[int, int]:
+    """Where (y, x) in a picture (y, x, 3) or (3, y, x), in 0 to 1, a window has a strong edge and flat places beside it.
+
+    The spread of its brightness times the root mean square step from sample to sample over the mean step: many times as much for one edge
+    as for a ramp or for a texture. What is cut off at black or white counts for nothing: there no noise is seen.
+    """
+    grey = np.asarray(picture, np.float64).mean(axis=0 if picture.shape[0] == 3 and picture.shape[-1] != 3 else -1)
+    rows, columns = grey.shape
+    side = min(side, rows, columns)
+    down = np.abs(np.diff(grey, axis=0, append=grey[-1:]))
+    across = np.abs(np.diff(grey, axis=1, append=grey[:, -1:]))
+    mean = _means(grey, side)
+    spread = np.sqrt(np.maximum(_means(grey**2, side) - mean**2, 0))
+    steps = np.hypot(down, across)
+    sharp = np.sqrt(np.maximum(_means(steps**2, side), 0))
+    score = spread * sharp / (_means(steps, side) + 0.02 * spread + 1e-6)
+    score = score * (1.02 - _means(((grey > 0.995) | (grey < 0.005)).astype(float), side))
+    top, left = np.unravel_index(int(np.argmax(score)), score.shape)
+    return int(top), int(left)
+
+
+def _means(values: Any, side: int) -> Any:
+    """Means over every window of a size."""
+    total = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
+    total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+    return (total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]) / side**2
+
+
+def limited(part: Any) -> Any:
+    """(3, y, x) area-averaged where it has more samples than dots."""
+    y, x = part.shape[-2:]
+    if max(y, x) <= SIDE:
+        return part
+    share = SIDE / max(y, x)
+    return area_weights(y, max(1, round(y * share))) @ part @ area_weights(x, max(1, round(x * share))).T

@@ -1,0 +1,147 @@
+"""Pictures made small: exact area averages, of rows as they come.
+
+In:  (..., y, x) arrays of any size; what is done to each value first.
+Out: (..., y', x') float32, at most 256 samples on either side.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from etendue.transfer.resampling import area_weights
+
+LARGEST = 256  # samples on either side
+Decode = Callable[[Any], Any]
+
+
+def as_float(rows: Any) -> Any:
+    return rows.astype(np.float32, copy=False)
+
+
+def fitted(picture: Any, decode: Decode = as_float) -> Any:
+    """Area-averaged until it fits; smaller pictures stay as they are.
+
+    Parameters
+    ----------
+    picture : (..., y, x) array
+    decode : callable
+        Values to float32, elementwise; asked for some rows at a time, so that nothing of the size of the picture is made.
+
+    Returns
+    -------
+    (..., y', x') float32, at most 256 on either side
+    """
+    y, x = picture.shape[-2:]
+    if max(y, x) <= LARGEST:
+        return decode(picture)
+    gathered = Fitted(picture.shape, decode)
+    gathered.take(0, picture)
+    return gathered.made()
+
+
+def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
+    """`fitted` of a mosaic in the colours of its filters, (3, y', x'): each pixel is added to the colours that it has."""
+    if max(plane.shape) <= LARGEST:
+        return coloured(decode(plane), tints)
+    gathered = Tinted(plane.shape, tints, decode)
+    gathered.take(0, plane)
+    return gathered.made()
+
+
+def coloured(plane: Any, tints: Any, row: int = 0) -> Any:
+    """(3, y, x): a mosaic each of whose pixels has the colour of its filter; the plane begins at a row of the whole."""
+    (y, x), (height, width) = plane.shape, tints.shape[:2]
+    tiled = tints[np.ix_((row + np.arange(y)) % height, np.arange(x) % width)]
+    return np.moveaxis(tiled, -1, 0) * plane
+
+
+class Rows(ABC):
+    """Rows of a large picture averaged as they come: each sample that follows is made as soon as its rows are there."""
+
+    def __init__(self, shape: tuple[int, ...], decode: Decode) -> None:
+        y, x = shape[-2:]
+        self.down, self.across = _down(y, _fitting(y, max(y, x))), _down(x, _fitting(x, max(y, x)))
+        self.decode, self.next = decode, 0
+        self.start, self.left = 0, np.empty((*shape[:-2], 0, x), np.float32)  # rows that are needed again
+
+    def take(self, start: int, rows: Any) -> None:
+        """The rows from ``start`` on, which follow those taken before."""
+        if self.left.size:
+            start, rows = self.start, np.concatenate((self.left, rows), axis=-2)
+        while self.next < len(self.down):
+            first, weights = self.down[self.next]
+            if first + weights.size > start + rows.shape[-2]:
+                break
+            self.put(self.next, first, weights, self.decode(rows[..., first - start : first - start + weights.size, :]))
+            self.next += 1
+        self.start = self.down[self.next][0] if self.next < len(self.down) else start + rows.shape[-2]
+        self.left = rows[..., self.start - start :, :].copy()
+
+    @abstractmethod
+    def put(self, row: int, first: int, weights: Any, light: Any) -> None: ...
+
+    @abstractmethod
+    def made(self) -> Any: ...
+
+
+class Fitted(Rows):
+    def __init__(self, shape: tuple[int, ...], decode: Decode) -> None:
+        super().__init__(shape, decode)
+        self.rows = np.empty((*shape[:-2], len(self.down), shape[-1]), np.float32)
+
+    def put(self, row: int, first: int, weights: Any, light: Any) -> None:
+        self.rows[..., row, :] = weights @ light
+
+    def made(self) -> Any:
+        return _across(self.rows, self.across)
+
+
+class Tinted(Rows):
+    """Each pixel is added to the colours that it has."""
+
+    def __init__(self, shape: tuple[int, ...], tints: Any, decode: Decode) -> None:
+        super().__init__(shape, decode)
+        self.tints = tints
+        self.rows = np.zeros((len(tints), len(self.down), shape[-1]), np.float32)  # by the row of the period in which a pixel stands
+
+    def put(self, row: int, first: int, weights: Any, light: Any) -> None:
+        height = len(self.tints)
+        for phase in range(height):
+            own = slice((phase - first) % height, None, height)
+            self.rows[phase, row] = weights[own] @ light[own]
+
+    def made(self) -> Any:
+        height, width = self.tints.shape[:2]
+        coloured = np.zeros((3, *self.rows.shape[1:]), np.float32)
+        for phase in range(height):
+            for place in range(width):
+                for colour in np.flatnonzero(self.tints[phase, place]):
+                    coloured[colour, :, place::width] += self.tints[phase, place, colour] * self.rows[phase, :, place::width]
+        return _across(coloured, self.across)
+
+
+def _fitting(size: int, largest: int) -> int:
+    """Samples on one side of a picture that fits."""
+    return max(1, round(size * LARGEST / largest))
+
+
+@lru_cache(maxsize=16)
+def _down(before: int, after: int) -> tuple[tuple[int, Any], ...]:
+    """For each sample after: the first sample before that lies in it, and the share of that one and the next."""
+    whole = area_weights(before, after).astype(np.float32)
+    spans = [(row * before // after, -(-(row + 1) * before // after)) for row in range(after)]
+    return tuple((first, whole[row, first:last].copy()) for row, (first, last) in enumerate(spans))
+
+
+def _across(rows: Any, down: tuple[tuple[int, Any], ...]) -> Any:
+    """Columns averaged as rows were: (..., y', x) to (..., y', x')."""
+    turned = np.ascontiguousarray(np.swapaxes(rows, -1, -2))
+    found = np.empty((*turned.shape[:-2], len(down), turned.shape[-1]), np.float32)
+    for row, (first, weights) in enumerate(down):
+        found[..., row, :] = weights @ turned[..., first : first + weights.size, :]
+    return np.swapaxes(found, -1, -2)

@@ -1,0 +1,191 @@
+"""Maps of figures for the contact sheet: numbers over two axes of a sweep, drawn small and without matplotlib.
+
+In:  a plan: which figures, over which axes; later, the figures of those cells.
+Out: (y, x, 3) bytes for each map, its number in every cell, a cell that failed marked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.variables import variable as known
+from etendue.plan.marks import not_in_it
+from etendue.plan.model import Axis, CellRef, Node, Plan
+from etendue.plan.shown import shown_cells
+from etendue.present.pictures.contact_sheet import font
+
+PREFERRED = ("effective_lp_mm", "mtf50_lp_mm", "mean_snr", "dr_elgamal", "clipped_fraction", "snr_18", "limiting_factor")
+SAME = {"mtf50_lp_mm": "effective_lp_mm"}  # where there is the second the first says little more
+MOST, LONGEST = 4, 20  # maps, and values along a side: of more some are left out
+SIDES = ("f_number", "pixel_pitch", "integration_time")  # which axes stand along x and y where there are several
+WIDE, HIGH, LETTERS = 46, 24, 12  # dots of a cell, and of its letters
+VIRIDIS = np.array([  # matplotlib's, at eighths
+    (68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99), (170, 220, 50),
+    (253, 231, 37),
+])  # fmt: skip
+NAMED = np.array([(68, 119, 170), (102, 204, 238), (34, 136, 51), (204, 187, 68), (238, 102, 119), (187, 187, 187), (170, 51, 119)])
+FAILED = (250, 225, 222)
+
+
+@dataclass(frozen=True)
+class SmallMap:
+    """A figure of one stage over one or two axes, the others where the pictures are."""
+
+    node: str
+    variable: str
+    unit: str
+    sides: tuple[tuple[str, tuple[Any, ...], str], ...]  # along x, then y: name, values, unit
+    cells: tuple[CellRef, ...]  # (y, x), row by row
+    at: str
+    names: tuple[str, ...] = ()  # that its numbers stand for
+    without: tuple[str, ...] = ()  # stages that are not in it
+
+
+def small_maps(plan: Plan) -> list[SmallMap]:
+    """Which maps stand on the sheet of a sweep: of resolution, noise, range, what limits; else of whatever figures there are."""
+    found: dict[str, SmallMap] = {}
+    for node in reversed(plan.nodes):
+        for name, declared in node.writes.items():
+            plain = declared.dims in ((), ("stage",)) and (node.name, name) in plan.kept and not known(name).counted
+            if plain and name not in found and (one := _map(plan, node, name)) is not None:
+                found[name] = one
+    order = [name for name in PREFERRED if name in found and SAME.get(name) not in found] or list(found)
+    return [found[name] for name in order[:MOST]]
+
+
+def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
+    axes = [plan.axis(dim) for dim in node.axes]
+    rank = {key: place for place, key in enumerate(SIDES)}
+    varying = sorted((a for a in axes if len(a.values) > 1), key=lambda a: rank.get(a.key, len(rank)))[:2]
+    if not varying:
+        return None
+    index = dict(zip(node.axes, shown_cells(plan)[node.name][1], strict=True))
+    chosen = {axis.dim: _some(axis) for axis in varying}
+    rest = [axis for axis in axes if axis.dim not in chosen and len(axis.values) > 1]
+    at = ", ".join(f"{axis.key} {_text(axis.values[index[axis.dim]])}{_unit(axis)}" for axis in rest)
+    rows = chosen[varying[1].dim] if len(varying) > 1 else [0]
+    refs = []
+    for y, x in product(rows, chosen[varying[0].dim]):
+        own = {**index, varying[0].dim: x, **({varying[1].dim: y} if len(varying) > 1 else {})}
+        refs.append((node.name, tuple(own[dim] for dim in node.axes)))
+    sides = tuple((axis.key, tuple(axis.values[i] for i in chosen[axis.dim]), axis.units or "") for axis in varying)
+    names: tuple[str, ...] = ()
+    if known(name).index:
+        factors = next((grid["factor"] for grid in plan.cells[refs[0]].grids.values() if "factor" in grid), None)
+        names = tuple(map(str, factors.values())) if factors else ()
+    return SmallMap(node.name, name, node.writes[name].unit, sides, tuple(refs), at, names, not_in_it(plan, node, name))
+
+
+def _some(axis: Axis) -> list[int]:
+    """Places of the values along an axis in order, as many as there is room for."""
+    places = list(range(len(axis.values)))
+    if not any(isinstance(value, str) for value in axis.values):
+        places.sort(key=lambda place: float(axis.values[place]))
+    return [places[i] for i in np.unique(np.linspace(0, len(places) - 1, min(LONGEST, len(places))).round().astype(int))]
+
+
+def values_of(one: SmallMap, figures: Mapping[CellRef, Mapping[str, Any]]) -> Any:
+    """(y, x) float64: the last of several stages; NaN where a cell is not there."""
+    found = [float(np.ravel(figures[ref][one.variable])[-1]) if one.variable in figures.get(ref, {}) else math.nan for ref in one.cells]
+    return np.array(found).reshape(-1, len(one.sides[0][1]))
+
+
+def drawn(one: SmallMap, values: Any, failed: Any) -> Any:
+    """(dots, dots, 3) uint8: the map under its title, x to the right, y upwards, both growing."""
+    from PIL import Image, ImageDraw
+
+    letters = font(LETTERS)
+    ys = [_text(v) for v in one.sides[1][1]] if len(one.sides) > 1 else [""]
+    xs = [_text(v) for v in one.sides[0][1]]
+    left = 10 + max(round(letters.getlength(text)) for text in ys)
+    inside = [] if one.names else [_number(v) for v in np.ravel(values) if math.isfinite(v)]
+    wide = max(WIDE, 8 + max(round(letters.getlength(text)) for text in (*xs, *inside)))
+    title = f"{one.variable}{f', {one.unit}' if one.unit not in ('', '1') else ''}{f' at {one.at}' if one.at else ''}"
+    title += f", without {', '.join(one.without)}" if one.without else ""
+    rows, columns = values.shape
+    legend = 16 if one.names else 0
+    texts = [
+        left + letters.getlength(_along(one)),
+        4 + letters.getlength(title),
+        26 * len(one.names) + letters.getlength("".join(one.names)),
+    ]
+    width = max(left + wide * columns, *(round(length) for length in texts)) + 8
+    picture = Image.new("RGB", (width, 22 + HIGH * rows + 36 + legend), "white")
+    pen = ImageDraw.Draw(picture)
+    pen.text((4, 11), title, fill="black", font=letters, anchor="lm")
+    colours = _colours(values, bool(one.names))
+    for row, column in np.ndindex(rows, columns):
+        x, y = left + column * wide, 22 + (rows - 1 - row) * HIGH
+        value, box = values[row, column], (left + column * wide, y, left + (column + 1) * wide - 1, y + HIGH - 1)
+        if math.isfinite(value):
+            colour = tuple(int(c) for c in colours[row, column])
+            pen.rectangle(box, fill=colour)
+            if not one.names:
+                ink = "white" if sum(colour) < 380 else "black"
+                pen.text((x + wide / 2, y + HIGH / 2), _number(value), fill=ink, font=letters, anchor="mm")
+        else:
+            pen.rectangle(box, fill=FAILED if failed[row, column] else "white", outline=(215, 215, 215))
+            pen.text((x + wide / 2, y + HIGH / 2), "failed" if failed[row, column] else "-", fill=(150, 60, 60), font=letters, anchor="mm")
+    for column, text in enumerate(xs):
+        pen.text((left + (column + 0.5) * wide, 22 + HIGH * rows + 8), text, fill="black", font=letters, anchor="mm")
+    for row, text in enumerate(ys):
+        pen.text((left - 4, 22 + (rows - 0.5 - row) * HIGH), text, fill="black", font=letters, anchor="rm")
+    pen.text((left, 22 + HIGH * rows + 25), _along(one), fill="black", font=letters, anchor="lm")
+    place = 6
+    for number, text in enumerate(one.names):
+        base = 22 + HIGH * rows + 36
+        pen.rectangle((place, base, place + 10, base + 10), fill=tuple(int(c) for c in NAMED[number % len(NAMED)]))
+        pen.text((place + 14, base + 5), text, fill="black", font=letters, anchor="lm")
+        place += 26 + round(letters.getlength(text))
+    return np.asarray(picture)
+
+
+def _colours(values: Any, named: bool) -> Any:
+    """(y, x, 3): by share of the range, in equal ratios where numbers differ by more than thirty times; or by index."""
+    if named:
+        return NAMED[np.nan_to_num(values).astype(int) % len(NAMED)]
+    found = values[np.isfinite(values)]
+    low, high = (float(found.min()), float(found.max())) if found.size else (0.0, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = low > 0 and high / low > 30
+        share = (
+            np.log(values / low) / math.log(high / low) if ratio else (values - low) / (high - low) if high > low else np.zeros_like(values)
+        )
+    share = np.clip(np.nan_to_num(share), 0, 1) * (len(VIRIDIS) - 1)
+    return np.stack([np.interp(share, np.arange(len(VIRIDIS)), VIRIDIS[:, c]) for c in range(3)], axis=-1)
+
+
+def _along(one: SmallMap) -> str:
+    """What stands along the sides."""
+    names = [f"{name}{f', {unit}' if unit not in ('', '1') else ''}" for name, _, unit in one.sides]
+    return f"{names[0]} →" + (f"   {names[1]} ↑" if len(names) > 1 else "")
+
+
+def _unit(axis: Axis) -> str:
+    return f" {axis.units}" if axis.units not in (None, "", "1") else ""
+
+
+def _text(value: Any) -> str:
+    return str(value) if isinstance(value, str | bool) else f"{float(value):.4g}"
+
+
+def _number(value: float) -> str:
+    text = f"{value:.2e}" if 0 < abs(value) < 1e-3 else f"{value:.3g}"
+    return f"{value:.0f}" if "e+0" in text and abs(value) < 1e5 else text.replace("e-0", "e-").replace("e+0", "e")
+
+
+def all_drawn(maps: Sequence[SmallMap], figures: Mapping[CellRef, Mapping[str, Any]], failed: Sequence[CellRef]) -> list[Any]:
+    """Every map whose numbers differ."""
+    wrong = set(failed)
+    found = []
+    for one in maps:
+        values = values_of(one, figures)
+        if np.unique(values[np.isfinite(values)]).size > 1:
+            found.append(drawn(one, values, np.array([ref in wrong for ref in one.cells]).reshape(values.shape)))
+    return found

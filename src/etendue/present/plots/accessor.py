@@ -1,0 +1,134 @@
+"""Plots on xarray's own objects: ``tree.etendue.plot.map("mean_snr")``, ``dataset.etendue.plot()``, ``array.etendue.show()``.
+
+In:  a ``DataTree`` or ``Dataset`` of an archive or of a run in memory; a ``DataArray`` of it.
+Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate`` and ``etendue.show`` do so, and where etendue is
+     installed xarray itself when it first opens something (entry point ``xarray.backends``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import xarray
+
+from etendue.calls import called, called_methods
+from etendue.errors import RequestError
+from etendue.present.plots import glance_page
+from etendue.present.plots.glance import glance
+from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.kinds import KINDS, Asked, draw, listed
+from etendue.present.plots.opening import opened
+from etendue.present.plots.places import resolved_in
+from etendue.present.plots.plot import Plot
+from etendue.present.plots.strip import show_array
+
+NAME = "etendue"
+
+
+@called_methods
+class Plots:
+    """``tree.etendue.plot``: called, what fits; by kind, ``.map(...)``, ``.curves(...)``, ``.pareto(...)``, ``.strip()``.
+
+    Words of every kind: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by name
+    (``f_number=2.8``, ``stage="pixel"``), or in ``at`` where a name is taken.
+    """
+
+    def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
+        self._tree = tree
+
+    def __call__(self, kind: str = "", *figures: str, **words: Any) -> Plot:
+        """A plot of a kind, of a variable, or without words of what fits."""
+        own = {name: words.pop(name) for name in ("x", "y", "lines") if name in words}
+        panels, better = (_tuple(words.pop(name, ())) for name in ("panels", "better"))
+        at = {**dict(words.pop("at", {})), **words}
+        return draw(Holdings(self._tree), kind, Asked(figures, panels=panels, better=better, at=at, **own))
+
+    def __getattr__(self, kind: str) -> Any:
+        if kind not in KINDS:
+            raise AttributeError(f"no kind of plot {kind!r}; there are {', '.join(KINDS)}")
+        return partial(self, kind)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *KINDS]
+
+
+@called_methods
+class TreeAccessor:
+    """``tree.etendue``: an archive at a glance, plots and pictures of it."""
+
+    def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
+        self._tree = tree
+
+    def __repr__(self) -> str:
+        return glance_page.text(glance(self._tree))
+
+    def _repr_html_(self) -> str:
+        """Stages as small pictures, axes, figures, what failed and was left out, and what to do next."""
+        return glance_page.page(glance(self._tree))
+
+    @property
+    def plot(self) -> Plots:
+        return Plots(self._tree)
+
+    def show(self, variable: str = "", **at: Any) -> Plot:
+        """One picture of one cell, upright: ``tree.etendue.show("rgb_display", f_number=2.8)``."""
+        return Plots(self._tree)("show", *([variable] if variable else []), **at)
+
+    def list(self) -> dict[str, Any]:
+        """Which kinds of plots, variables and axes there are."""
+        return listed(Holdings(self._tree))
+
+
+@called_methods
+class ArrayAccessor:
+    """``array.etendue``: an array as a picture."""
+
+    def __init__(self, array: xarray.DataArray) -> None:
+        self._array = array
+
+    def show(self, **at: Any) -> Plot:
+        """The array at some values of its dims, upright, with its true aspect and colours."""
+        array = self._array.sel(resolved_in(self._array, at))
+        return show_array(array.squeeze([dim for dim in array.dims if array.sizes[dim] == 1 and dim not in ("y", "x")]))
+
+
+def register() -> None:
+    """Put the accessors on xarray's classes, once."""
+    put: Any
+    for kind, accessor, put in (
+        (xarray.DataTree, TreeAccessor, xarray.register_datatree_accessor),
+        (xarray.Dataset, TreeAccessor, xarray.register_dataset_accessor),
+        (xarray.DataArray, ArrayAccessor, xarray.register_dataarray_accessor),
+    ):
+        if NAME not in vars(kind):
+            put(NAME)(accessor)
+
+
+@called
+def show(what: Any, variable: str = "", **at: Any) -> Plot:
+    """A picture of an array, of a dataset or tree, or of the archive in a folder.
+
+    Raises
+    ------
+    RequestError, ArchiveError
+        No picture, or several and none is chosen; no archive.
+    """
+    if isinstance(what, str | Path):
+        what = opened(Path(what))
+    if isinstance(what, xarray.DataArray):
+        if variable:
+            raise RequestError(f"this is an array; it holds no variable {variable!r}")
+        return ArrayAccessor(what).show(**at)
+    if not isinstance(what, xarray.DataTree | xarray.Dataset):
+        raise RequestError(f"show takes an array, dataset or tree of xarray, or the folder of an archive, not {type(what).__name__}")
+    return TreeAccessor(what).show(variable, **at)
+
+
+def _tuple(words: str | Sequence[str]) -> tuple[str, ...]:
+    return tuple(part.strip() for part in words.split(",")) if isinstance(words, str) else tuple(words)
+
+
+register()

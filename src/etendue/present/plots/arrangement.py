@@ -1,0 +1,134 @@
+"""Which dim goes where: along the sides of a panel, over panels, or fixed at one value.
+
+In:  the dims of what is drawn with their values; what was asked for.
+Out: an ``Arrangement``; what is fixed because it would not fit is said in the title.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from etendue.errors import RequestError, nearest
+from etendue.present.plots.holdings import Held
+from etendue.present.plots.labels import name_text, value_text
+
+MOST_PANELS = 16
+FIRST = ("f_number", "pixel_pitch", "integration_time")  # which of several axes goes along a side: the first x, the second y
+
+
+@dataclass(frozen=True)
+class Dim:
+    """A dim as it stands beside a plot."""
+
+    name: str
+    values: tuple[Any, ...]
+    units: str = "1"
+
+    @property
+    def title(self) -> str:
+        return name_text(self.name, self.units)
+
+    def text(self, value: Any) -> str:
+        """A value with its unit; with the name of the dim where the unit does not tell it."""
+        text = value_text(value, self.units, self.name)
+        bare = not isinstance(value, str) and self.units in ("", "1") and not self.name.endswith("f_number")
+        return f"{self.name.replace('_', ' ')} {text}" if bare else text
+
+    @property
+    def counted(self) -> bool:
+        return bool(self.values) and not any(isinstance(value, str) for value in self.values)
+
+    @property
+    def spread(self) -> bool:
+        """Whether its values are better told apart on a logarithmic axis."""
+        if not self.counted or len(self.values) < 3 or min(self.values) <= 0:
+            return False
+        ordered = sorted(self.values)
+        return bool(ordered[-1] / ordered[0] >= 4 and ordered[-1] - ordered[-2] > 1.4 * (ordered[1] - ordered[0]))
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Where every dim goes."""
+
+    x: Dim | None
+    y: Dim | None
+    panels: tuple[Dim, ...] = ()
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    said: tuple[str, ...] = ()  # texts of what is fixed
+
+    @property
+    def at(self) -> str:
+        return ", ".join(self.said)
+
+
+def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
+    """The dims of what is drawn: axes of the sweep first, the usual ones in front; then names such as ``stage``."""
+    found: dict[str, Dim] = {}
+    for one in held:
+        own = [*one.axes, *(dim for dim in one.dims if counted or not one.is_counted(dim))]
+        for dim in own:
+            values = [*(found[dim].values if dim in found else ()), *one.values_of(dim)]
+            values = list(dict.fromkeys(values))
+            if dim in one.axes and not any(isinstance(v, str) for v in values):
+                values.sort()
+            found[dim] = Dim(dim, tuple(values), one.units_of(dim))
+    axes = {dim for one in held for dim in one.axes}
+    rank = {name: place for place, name in enumerate(FIRST)}
+    return sorted(found.values(), key=lambda dim: (dim.name not in axes, rank.get(dim.name, len(rank))))
+
+
+def arranged(
+    dims: Sequence[Dim], sides: int, x: str = "", y: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
+    most: int = MOST_PANELS, middle: Mapping[str, Any] | None = None,
+) -> Arrangement:  # fmt: skip
+    """Place dims: two along the sides (``sides`` of them), the others over panels, as many as fit, the rest at one value.
+
+    ``at`` fixes a dim; ``middle`` says where one is fixed that does not fit, by default in the middle.
+
+    Raises
+    ------
+    RequestError
+        A dim that is asked for is not there, or is asked for twice.
+    """
+    at, middle = dict(at or {}), middle or {}
+    free = {dim.name: dim for dim in dims if dim.name not in at}
+    for asked in [name for name in (x, y, *panels) if name]:
+        if asked not in free:
+            why = "it is fixed" if asked in at else f"it is no dim of what is drawn{nearest(asked, free)}"
+            raise RequestError(f"{asked}: {why}")
+    if len({n for n in (x, y, *panels) if n}) < len([n for n in (x, y, *panels) if n]):
+        raise RequestError("a dim can stand in one place: name it once as x, y or panels")
+    said = [dim.text(at[dim.name]) for dim in dims if dim.name in at]
+    taken = {name for name in (x, y, *panels) if name}
+    order = [dim for dim in free.values() if dim.name not in taken]
+    candidates = [dim.name for dim in order if len(dim.values) > 1 and dim.counted] + [
+        dim.name for dim in order if len(dim.values) > 1 and not dim.counted
+    ]
+    if not x and candidates:
+        x = candidates.pop(0)
+    if sides > 1 and not y and candidates:
+        y = candidates.pop(0)
+    rest = [free[name] for name in free if name not in (x, y) and name not in panels]
+    chosen = [free[name] for name in panels]
+    fixed = dict(at)
+    open_ = [dim for dim in rest if len(dim.values) > 1]
+    for dim in rest:
+        if len(dim.values) == 1:
+            fixed[dim.name] = dim.values[0]
+            said.append(dim.text(dim.values[0]))
+    room = most // max(1, math.prod(len(dim.values) for dim in chosen))
+    for dim in sorted(open_, key=lambda dim: len(dim.values)):  # as many dims as fit
+        if len(chosen) < 2 and len(dim.values) <= room:
+            chosen.append(dim)
+            room //= len(dim.values)
+        else:
+            value = middle.get(dim.name, dim.values[len(dim.values) // 2])
+            fixed[dim.name] = value if value in dim.values else dim.values[len(dim.values) // 2]
+            said.append(dim.text(fixed[dim.name]))
+    if len(chosen) == 2 and len(chosen[1].values) > len(chosen[0].values):
+        chosen.reverse()  # rows: the shorter one last
+    return Arrangement(free.get(x), free.get(y), tuple(chosen), fixed, tuple(said))

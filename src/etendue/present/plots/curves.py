@@ -1,0 +1,198 @@
+"""Curves: a variable over its own dim (frequency, wavelength, signal), or a figure over an axis of the sweep.
+
+In:  holdings, the name of a variable, what runs along x, which dim is told apart by lines and which by panels.
+Out: a ``Plot``; over frequency the Nyquist frequency stands as a line, where the archive has one in the same unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import RequestError, nearest
+from etendue.present.plots.arrangement import Dim, arranged, dims_of
+from etendue.present.plots.holdings import Held, Holdings
+from etendue.present.plots.labels import name_text, unit_text
+from etendue.present.plots.maps import preferred
+from etendue.present.plots.panels import wrapped
+from etendue.present.plots.places import resolved
+from etendue.present.plots.plot import Plot, new_figure
+
+PREFERRED = ("mtf", "esfr")
+MOST_LINES, MOST_PANELS = 12, 9
+NYQUIST = ("nyquist_frequency", "nyquist", "nyquist_lp_mm")
+PER_PIXEL = ("pixel-1", "cycles/pixel")
+
+
+def curves(
+    holdings: Holdings, variable: str = "", x: str = "", lines: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
+    middle: Mapping[str, Any] | None = None,
+) -> Plot:  # fmt: skip
+    """Lines of a variable. ``x``: an axis, or a coordinate or variable along its own dim; ``lines``: what lines tell apart.
+
+    Raises
+    ------
+    RequestError
+        No such variable, dim or value.
+    """
+    held = holdings.find(variable, "curve", "figure") if variable else _preferred(holdings)
+    free = [dim for dim in held.dims if held.is_counted(dim)]
+    chosen = resolved([held], at or {})
+    dims = [dim for dim in dims_of([held]) if dim.name not in free]
+    along, beside = _along(held, x, free, dims)
+    rest = [dim for dim in dims if dim.name != along]
+    if lines and lines not in [dim.name for dim in rest]:
+        raise RequestError(f"--lines {lines}: it is no dim that lines could tell apart{nearest(lines, [dim.name for dim in rest])}")
+    lines = lines or _told_apart(rest, chosen)
+    place = arranged(rest, 0 if not lines else 1, lines, "", panels, chosen, MOST_PANELS, middle)
+    hue = place.x if lines else None
+    figure, grid = _figure(place.panels)
+    columns = [*place.fixed, *(dim.name for dim in place.panels), *([hue.name] if hue else []), beside or along, held.variable]
+    rows: list[list[Any]] = []
+    units, title, log = "", "", False
+    for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
+        own = {**place.fixed, **dict(zip((dim.name for dim in place.panels), where, strict=True))}
+        colours, seen = _colours(hue), set()
+        for colour, value in zip(colours, hue.values if hue else [None], strict=True):
+            full = {**own, **({hue.name: value} if hue else {})}
+            values = held.values(full)
+            values = values.sel({d: v for d, v in full.items() if d in values.dims})
+            xs, units, title = _x_of(held, along, beside, full)
+            ys = np.asarray(values.values, float)
+            text = hue.text(value) if hue else None
+            axes.plot(xs, ys, color=colour, label=text, linewidth=1.4, **({"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}))
+            rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
+            log = log or (along in held.axes and _dim(dims, along).spread)
+            nyquist = _nyquist(holdings, held, full, units)
+            if nyquist is not None and nyquist not in seen:
+                seen.add(nyquist)
+                axes.axvline(nyquist, color="0.6", linestyle="--", linewidth=0.9, zorder=0)
+        axes.set_title(", ".join(dim.text(v) for dim, v in zip(place.panels, where, strict=True)), fontsize=9)
+        axes.grid(color="0.93")
+        axes.tick_params(labelsize=7.5)
+        axes.set_xlabel(title, fontsize=8.5)
+    unit = unit_text(held.units)
+    for axes in grid:
+        if log:
+            axes.set_xscale("log")
+            _plain_ticks(axes, [v for v in _dim(dims, along).values])
+        if held.variable.startswith(("mtf", "esfr")) and held.units == "1":
+            axes.axhline(0, color="0.8", linewidth=0.7, zorder=0)
+    grid[0].set_ylabel(wrapped(f"{held.title}{f', {unit}' if unit else ''}", 3.4), fontsize=8.5)
+    words = f"{holdings.pipeline}: {held.title}" if holdings.pipeline else held.title
+    figure.suptitle(wrapped(f"{words}, at {place.at}" if place.at else words, figure.get_figwidth()), fontsize=10)
+    dashed = any(line.get_linestyle() == "--" for axes in grid for line in axes.lines)
+    _legend(figure, grid[0], dashed)
+    return Plot(figure, columns, rows)
+
+
+def _preferred(holdings: Holdings) -> Held:
+    found = holdings.of_kind("curve")
+    for name in PREFERRED:
+        for one in reversed(found):
+            if one.variable == name:
+                return one
+    return found[-1] if found else preferred(holdings)
+
+
+def _along(held: Held, x: str, free: Sequence[str], dims: Sequence[Dim]) -> tuple[str, str]:
+    """The dim along x, and the coordinate or variable that stands there in its place."""
+    group = held.groups[0]
+    if not x:
+        if free:
+            return free[0], ""
+        axes = [dim for dim in dims if len(dim.values) > 1 and dim.counted]
+        if not axes:
+            raise RequestError(f"{held.name} has one value along every axis: there is no curve in it")
+        return max(axes, key=lambda dim: (dim.name == "integration_time", len(dim.values))).name if len(axes) > 1 else axes[0].name, ""
+    if x in free or x in [dim.name for dim in dims]:
+        if free and x not in free:
+            raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; a coordinate along it may stand there")
+        return x, ""
+    beside = [str(name) for name, own in group.variables.items() if free and free[0] in own.dims and own.dtype.kind in "fiu"]
+    if x in beside:
+        return free[0], x
+    raise RequestError(f"--x {x}: it is no dim of {held.name}{nearest(x, [*free, *beside, *(dim.name for dim in dims)])}")
+
+
+def _told_apart(rest: Sequence[Dim], chosen: Mapping[str, Any]) -> str:
+    """Names first (stages, factors), then the axis with the most values that lines can show."""
+    open_ = [dim for dim in rest if dim.name not in chosen and 1 < len(dim.values) <= MOST_LINES]
+    named = [dim for dim in open_ if not dim.counted]
+    return (named or open_)[0].name if open_ else ""
+
+
+def _x_of(held: Held, along: str, beside: str, at: Mapping[str, Any]) -> tuple[Any, str, str]:
+    """Where the samples of a line stand, the unit, and the title of the axis."""
+    if not beside:
+        units = held.units_of(along)
+        title = name_text(along, units) if units != "s" else f"{along.replace('_', ' ')}, s"
+        return np.asarray(held.values_of(along), float), units, title
+    for group in held.groups:
+        array = group[beside]
+        own = {d: v for d, v in at.items() if d in array.dims}
+        if all(v in group[d].values.tolist() for d, v in own.items()):
+            units = str(array.attrs.get("units", "1"))
+            return np.asarray(array.sel(own).values, float), units, name_text(str(array.attrs.get("long_name", beside)), units)
+    raise RequestError(f"{beside} is not known at these values")
+
+
+def _nyquist(holdings: Holdings, held: Held, at: Mapping[str, Any], units: str) -> float | None:
+    """The Nyquist frequency of a line's camera in the unit of x; None where that is no frequency or nobody says."""
+    if units in PER_PIXEL:
+        return 0.5
+    group = held.groups[0]
+    for name in NYQUIST:
+        for one in [h for h in holdings if h.variable == name and h.units == units and not h.dims]:
+            own = {d: v for d, v in at.items() if d in one.axes}
+            if set(one.axes) <= set(own):
+                return float(one.values(own))
+        if name in group.coords and str(group[name].attrs.get("units", "")) == units:
+            array = group[name]
+            if set(map(str, array.dims)) <= set(at):
+                return float(array.sel({d: at[str(d)] for d in array.dims}))
+    return None
+
+
+def _dim(dims: Sequence[Dim], name: str) -> Dim:
+    return next(dim for dim in dims if dim.name == name)
+
+
+def _figure(panels: Sequence[Dim]) -> tuple[Any, list[Any]]:
+    count = int(np.prod([len(dim.values) for dim in panels])) if panels else 1
+    columns = len(panels[1].values) if len(panels) == 2 else min(3, count)
+    rows = -(-count // columns)
+    figure = new_figure(3.6 * columns + 2.4, (3.4 if rows == 1 else 2.5) * rows + 0.8)
+    first = figure.add_subplot(rows, columns, 1)
+    return figure, [first, *(figure.add_subplot(rows, columns, n + 1, sharex=first, sharey=first) for n in range(1, count))]
+
+
+def _colours(hue: Dim | None) -> Any:
+    from matplotlib import colormaps
+
+    if hue is None:
+        return ["#24527a"]
+    if hue.counted:
+        return colormaps["plasma"](np.linspace(0.0, 0.85, len(hue.values)))
+    return [colormaps["tab10" if len(hue.values) <= 10 else "tab20"](i) for i in range(len(hue.values))]
+
+
+def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
+    from matplotlib.ticker import NullFormatter
+
+    shown = values if len(values) <= 8 else values[:: -(-len(values) // 8)]
+    axes.set_xticks(shown, [f"{v:.3g}" for v in shown], fontsize=7.5)
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _legend(figure: Any, axes: Any, dashed: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    handles, _ = axes.get_legend_handles_labels()
+    if dashed:
+        handles = [*handles, Line2D([], [], color="0.6", linestyle="--", linewidth=0.9, label="Nyquist")]
+    if handles:
+        figure.legend(handles=handles, loc="outside right center", fontsize=8, frameon=False)

@@ -1,0 +1,266 @@
+"""What a tree holds that can be drawn: figures, curves and pictures of every stage, over the axes of its sweep.
+
+In:  an ``xarray.DataTree`` as ``open_archive``, xarray or ``simulate`` give it.
+Out: ``Held`` by stage and variable; its values over the whole sweep, the shapes of a stage joined, unknown where a cell has failed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray
+
+from etendue.contract.names import TABLES
+from etendue.contract.variables import Variable, without
+from etendue.contract.variables import variable as known
+from etendue.errors import ArchiveError, EtendueError, RequestError, nearest
+from etendue.present.plots.labels import title_text
+
+PLANE = ("y", "x")
+FINISHED = (0, 1)  # of status: done, left out
+FAILED = (2, 3)  # failed, skipped
+BESIDE = ("status", "wavelength_bounds")
+KINDS = ("figure", "curve", "picture", "other")
+
+
+@dataclass(frozen=True)
+class Held:
+    """One variable of one stage."""
+
+    stage: str
+    variable: str
+    groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one, or one for each shape
+    order: Mapping[str, Mapping[Any, int]] = field(default_factory=dict, repr=False)  # of names along axes, as they were swept
+
+    @property
+    def name(self) -> str:
+        return f"{self.stage}.{self.variable}"
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The axes of the sweep that reach it."""
+        first = self.groups[0]
+        return tuple(str(dim) for dim in first["status"].dims) if "status" in first else ()
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Its own dims, behind the axes."""
+        return tuple(str(dim) for dim in self.groups[0][self.variable].dims if dim not in self.axes)
+
+    @property
+    def attrs(self) -> Mapping[str, Any]:
+        return self.groups[0][self.variable].attrs
+
+    @property
+    def units(self) -> str:
+        return str(self.attrs.get("units", "1"))
+
+    @property
+    def known(self) -> Variable:
+        return known(self.variable)
+
+    @property
+    def title(self) -> str:
+        """What it is and which stages are not in it; without its unit, which is written beside it."""
+        return title_text(str(self.attrs.get("long_name", self.variable.replace("_", " "))), self.units) + without(self.attrs)
+
+    @property
+    def kind(self) -> str:
+        """``figure``: numbers, perhaps by name; ``curve``: over one dim with numbers; ``picture``: over y and x."""
+        own = self.dims
+        if own[-2:] == PLANE:
+            return "picture"
+        counted = [dim for dim in own if self.is_counted(dim)]
+        return ("figure", "curve")[len(counted)] if len(counted) < 2 else "other"
+
+    def is_counted(self, dim: str) -> bool:
+        """Whether a dim runs over numbers and not over names."""
+        coordinate = self.groups[0].get(dim)
+        return coordinate is None or coordinate.dtype.kind in "fiu"
+
+    def values_of(self, dim: str) -> list[Any]:
+        """The values along an axis or a dim: those of all shapes, numbers in order."""
+        found: dict[Any, None] = {}
+        for group in self.groups:
+            if dim in group.coords:
+                found.update(dict.fromkeys(group[dim].values.tolist()))
+            else:
+                found.update(dict.fromkeys(range(group.sizes[dim])))
+        values = list(found)
+        if dim not in self.axes:
+            return values
+        place = self.order.get(dim, {})
+        return sorted(values, key=lambda v: place.get(v, len(place))) if any(isinstance(v, str) for v in values) else sorted(values)
+
+    def units_of(self, dim: str) -> str:
+        group = self.groups[0]
+        return str(group[dim].attrs.get("units", "1")) if dim in group.coords else "1"
+
+    def key_of(self, dim: str) -> str:
+        """The parameter that an axis sets: ``pixel.rows`` for ``pixel_rows``."""
+        group = self.groups[0]
+        return str(group[dim].attrs.get("parameter", dim)) if dim in group.coords else dim
+
+    def values(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+        """All of it, or what stands at some values: float64, unknown (NaN) where a cell is not there; axes in order.
+
+        Raises
+        ------
+        ArchiveError
+            What is stored cannot be read.
+        """
+        return self._joined(self.variable, at or {})[0]
+
+    def failed(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+        """Over the axes: whether a cell has failed, or was skipped behind one that has."""
+        return self._joined(self.variable, at or {})[1]
+
+    def there(self, at: Mapping[str, Any] | None = None) -> xarray.DataArray:
+        """Over the axes: whether a cell is finished."""
+        return self._joined(self.variable, at or {})[2]
+
+    def _joined(self, variable: str, at: Mapping[str, Any]) -> tuple[xarray.DataArray, xarray.DataArray, xarray.DataArray]:
+        axes = [dim for dim in self.axes if dim not in at]
+        labels = {dim: self.values_of(dim) for dim in axes}
+        whole: Any = None
+        failed = np.zeros([len(own) for own in labels.values()], bool)
+        finished = failed.copy()
+        dims: tuple[str, ...] = ()
+        coords: dict[str, Any] = {}
+        for group in self.groups:
+            if any(value not in group[dim].values.tolist() for dim, value in at.items() if dim in self.axes):
+                continue
+            chosen = group[[variable, *(["status"] if "status" in group else [])]].sel({k: v for k, v in at.items() if k in group.coords})
+            array, status = _loaded(chosen[variable], self.name), _loaded(chosen["status"], self.name) if "status" in chosen else None
+            dims = tuple(str(dim) for dim in array.dims if dim not in axes)
+            coords |= {dim: group[dim] for dim in dims if dim in group.coords}
+            own = array.transpose(*axes, *dims).values.astype(np.float64)
+            if whole is None:
+                whole = np.full((*failed.shape, *own.shape[len(axes) :]), np.nan)
+            elif whole.shape[len(axes) :] != own.shape[len(axes) :]:
+                raise RequestError(f"{self.name} has another shape at other values of {' and '.join(axes)}: choose one of them")
+            place: Any = np.ix_(*([labels[dim].index(v) for v in group[dim].values.tolist()] for dim in axes)) if axes else ...
+            flags = np.zeros(own.shape[: len(axes)]) if status is None else status.transpose(*axes).values
+            there = np.isin(flags, FINISHED)
+            whole[place] = np.where(there[(..., *[None] * len(dims))], own, whole[place])
+            finished[place] |= there
+            failed[place] |= np.isin(flags, FAILED)
+        if whole is None:
+            raise RequestError(f"{self.name} was not computed at {', '.join(f'{k}={v}' for k, v in at.items())}")
+        first = self.groups[0]
+        over = {dim: xarray.Variable((dim,), np.array(own), first[dim].attrs) for dim, own in labels.items()}
+        values = xarray.DataArray(whole, {**over, **coords}, (*axes, *dims), variable, dict(first[variable].attrs))
+        return values, xarray.DataArray(failed, over, tuple(axes)), xarray.DataArray(finished, over, tuple(axes))
+
+
+class Holdings:
+    """Everything in a tree that can be drawn."""
+
+    def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
+        tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree
+        self.tree = tree
+        self.held: dict[tuple[str, str], Held] = {}
+        stages = _stages(tree)
+        self.order = self._order(group for _, groups in stages for group in groups)
+        for stage, groups in stages:
+            for name in groups[0].data_vars:
+                if str(name) not in BESIDE and groups[0][name].dtype.kind in "fiub":
+                    own = tuple(group for group in groups if name in group)
+                    self.held[stage, str(name)] = Held(stage, str(name), own, self.order)
+
+    def __iter__(self) -> Iterator[Held]:
+        return iter(self.held.values())
+
+    def of_kind(self, *kinds: str) -> list[Held]:
+        return [one for one in self if one.kind in kinds]
+
+    @property
+    def axes(self) -> dict[str, list[Any]]:
+        """Every axis of the sweep with its values."""
+        found: dict[str, dict[Any, None]] = {}
+        for one in self:
+            for dim in one.axes:
+                found.setdefault(dim, {}).update(dict.fromkeys(one.values_of(dim)))
+        return {dim: self._sorted(dim, values) for dim, values in found.items()}
+
+    def _sorted(self, dim: str, values: Iterable[Any]) -> list[Any]:
+        """Names as they were swept; numbers as they stand."""
+        place = self.order.get(dim, {})
+        return sorted(values, key=lambda v: place.get(v, len(place))) if place else list(values)
+
+    def _order(self, groups: Iterable[xarray.Dataset]) -> dict[str, dict[Any, int]]:
+        """The names along each axis as they were swept: as the ledger has them, else as the group that has most of them."""
+        ledger = self.table("ledger")
+        found: dict[str, dict[Any, None]] = {}
+        along: dict[str, list[list[str]]] = {}
+        for group in groups:
+            for dim in map(str, group["status"].dims if "status" in group else ()):
+                if dim in group.coords and group[dim].dtype.kind not in "fiub":
+                    along.setdefault(dim, []).append(list(map(str, group[dim].values.tolist())))
+        for dim, lists in along.items():
+            told = ledger[f"at_{dim}"].values.tolist() if ledger is not None and f"at_{dim}" in ledger else []
+            found[dim] = dict.fromkeys(filter(None, map(str, told)))
+            for own in sorted(lists, key=len, reverse=True):
+                found[dim].update(dict.fromkeys(own))
+        return {dim: {value: place for place, value in enumerate(values)} for dim, values in found.items()}
+
+    def find(self, name: str, *kinds: str) -> Held:
+        """A variable by its name, or by ``stage.variable``; of several stages the last that wrote it.
+
+        Raises
+        ------
+        RequestError
+            There is none, or none of such a kind: the nearest names.
+        """
+        stage, _, variable = name.rpartition(".")
+        found = [one for one in self if one.variable == variable and stage in ("", one.stage)]
+        right = [one for one in found if not kinds or one.kind in kinds]
+        if right:
+            return right[-1]
+        wanted = self.of_kind(*kinds) if kinds else list(self)
+        names = [one.name for one in wanted] if stage else [one.variable for one in wanted]
+        if found:
+            dims = ", ".join((*found[-1].axes, *found[-1].dims)) or "none"
+            way = {
+                "picture": "; draw it with show or strip",
+                "figure": "; draw it with map, curves or pareto",
+                "curve": "; draw it with curves",
+            }
+            raise RequestError(f"{name} is a {found[-1].kind} (dims: {dims}), no {' or '.join(kinds)}{way.get(found[-1].kind, '')}")
+        raise RequestError(f"there is no {name!r} here{nearest(name, names)}; all that there is: etendue plot ARCHIVE --list")
+
+    def table(self, name: str) -> xarray.Dataset | None:
+        """A table beside the stages: ``ledger``, ``summary``, ``frames``."""
+        node = self.tree.children.get(name)
+        return node.to_dataset() if node is not None and node.data_vars else None
+
+    @property
+    def pipeline(self) -> str:
+        own = self.tree.attrs.get("etendue", {})
+        return str(self.tree.attrs.get("pipeline") or (own.get("pipeline", "") if isinstance(own, Mapping) else ""))
+
+
+def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
+    """Stages in the order of the light, each with its groups that hold something."""
+    found = []
+    tops = [child for name, child in tree.children.items() if name not in TABLES] or [tree]
+    if "status" in tree.data_vars or (tree.data_vars and not tree.children):  # a stage alone
+        tops = [tree]
+    for node in sorted(tops, key=lambda node: int(node.attrs.get("order", 10**6))):
+        groups = [part.to_dataset(inherit=False) for part in node.subtree if part.data_vars]
+        if groups:
+            shape = node.parent is not None and "order" not in node.attrs and "order" in node.parent.attrs  # one shape of a stage
+            found.append((str(node.parent.name if shape and node.parent else node.name or node.attrs.get("stage", "")), groups))
+    return found
+
+
+def _loaded(array: xarray.DataArray, name: str) -> xarray.DataArray:
+    try:
+        return array.load()
+    except EtendueError:
+        raise
+    except Exception as error:  # whatever zarr and its codecs say of bytes that do not fit their checksum
+        raise ArchiveError(f"{name} cannot be read ({error}): the archive is damaged. Mend it: etendue verify ARCHIVE --repair") from error

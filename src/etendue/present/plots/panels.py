@@ -1,0 +1,218 @@
+"""Panels: a figure over two dims, one panel for each value of others; numbers by colour, names by colour with a legend.
+
+In:  arrays (panel, y, x) with the labels of each; numbers, or indices into names.
+Out: a figure, every cell with its value or its name's colour; cells that failed are marked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from etendue.present.plots.labels import number_text
+from etendue.present.plots.plot import new_figure
+
+MOST_COLUMNS = 4
+WIDEST = 16.0  # inches of a figure
+FACTOR_COLOURS = {
+    "lens": "#4477aa", "diffusion": "#66ccee", "geometry": "#228833", "sampling": "#ccbb44", "demosaic": "#ee6677", "noise": "#bbbbbb",
+}  # fmt: skip
+OTHERS = ("#aa3377", "#994455", "#997700", "#6699cc", "#004488", "#eecc66")
+MOST_TICKS = 12
+SPREAD = 30  # of the largest number over the smallest: from there on colours stand for equal ratios
+FAILED, NOTHING = "×", "–"
+
+
+@dataclass(frozen=True)
+class Sides:
+    """What stands along the sides of every panel, and over each. Texts, or numbers that become texts."""
+
+    x: Sequence[Any]
+    y: Sequence[Any]
+    panels: Sequence[Any]
+    x_name: str = ""
+    y_name: str = ""
+    columns: int = 0  # of panels; 0: as fits
+
+
+def map_of_numbers(values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None) -> Any:
+    """Numbers by colour on one scale, each also written in its cell.
+
+    Parameters
+    ----------
+    values : (panel, y, x) array
+    sides : Sides
+    title, unit : str
+    digits : int
+        That are written.
+    failed, there : (panel, y, x) bool arrays
+        Cells that failed, and those that were computed: a cell without a number is marked if it was.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        Where the values have another shape than the sides.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.ticker import FuncFormatter
+
+    values = _checked(values, sides)
+    figure, panels, room = _panels(sides, title)
+    norm = scale_of(values)
+    low, high = norm.vmin, norm.vmax
+    for number, (panel, own) in enumerate(zip(panels, values, strict=True)):
+        panel.imshow(
+            np.where(np.isfinite(own), own, np.nan), norm=norm, cmap="viridis", origin="lower", aspect="auto", interpolation="none"
+        )
+        for (row, column), value in np.ndenumerate(own):
+            wrong = failed is not None and bool(np.asarray(failed)[number, row, column])
+            if wrong:
+                _mark(panel, row, column, FAILED, "#c03028", room)
+            elif math.isfinite(value):
+                if room:
+                    colour = "white" if _is_dark(norm, value) else "black"
+                    panel.text(column, row, number_text(value, digits), ha="center", va="center", fontsize=room, color=colour)
+            elif math.isinf(value) or (there is not None and bool(np.asarray(there)[number, row, column])):
+                _mark(panel, row, column, number_text(value) or NOTHING, "0.45", room)
+    if np.isfinite(values).any() and high > low:
+        bar = figure.colorbar(ScalarMappable(norm, "viridis"), ax=panels, fraction=0.05, pad=0.02, aspect=25)
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
+        span = high / max(low, 1e-300)
+        shown = "" if span > 100 else "25" if span > 4 else "23456789"  # of each decade, where the scale is logarithmic
+        bar.ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: f"{value:.3g}" if f"{value:.0e}"[0] in shown else ""))
+        bar.ax.tick_params(which="both", labelsize=7)
+        bar.set_label(unit, fontsize=8)
+    _explain(figure, failed, values, there)
+    return figure
+
+
+def map_of_names(indices: Any, names: Sequence[str], sides: Sides, title: str, failed: Any = None, said: str = "no value") -> Any:
+    """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays white.
+
+    ``said``: what white means. Raises ValueError where the indices have another shape than the sides, or point beyond the names.
+    """
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    indices = _checked(indices, sides)
+    found = indices[np.isfinite(indices)]
+    if found.size and not (found.min() >= 0 and found.max() < len(names)):
+        raise ValueError(f"indices run from {found.min():g} to {found.max():g}; allowed is 0 to {len(names) - 1}, one for each name")
+    others = iter(OTHERS * (len(names) // len(OTHERS) + 1))
+    colours = [FACTOR_COLOURS.get(name) or next(others) for name in names]
+    figure, panels, room = _panels(sides, title)
+    for number, (panel, own) in enumerate(zip(panels, indices, strict=True)):
+        panel.imshow(
+            own, cmap=ListedColormap(colours), vmin=-0.5, vmax=len(names) - 0.5, origin="lower", aspect="auto", interpolation="none"
+        )  # fmt: skip
+        if failed is not None:
+            for row, column in np.argwhere(np.asarray(failed)[number]):
+                _mark(panel, row, column, FAILED, "#c03028", room)
+    patches = [Patch(facecolor=colour, label=name) for name, colour in zip(names, colours, strict=True)]
+    if np.isnan(indices).any():
+        patches.append(Patch(facecolor="white", edgecolor="0.6", label=said))
+    figure.legend(
+        handles=patches, loc="outside lower center", ncols=min(len(patches), 4 if len(panels) == 1 else 8), fontsize=8, frameon=False
+    )
+    return figure
+
+
+def scale_of(values: Any) -> Any:
+    """How numbers become colours: in equal ratios where all are above 0 and they differ much, else in equal steps."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    found = np.asarray(values, float)
+    found = found[np.isfinite(found)]
+    low, high = (float(found.min()), float(found.max())) if found.size else (0.0, 1.0)
+    if low > 0 and high / low > SPREAD:
+        return LogNorm(low, high)
+    return Normalize(low, high)
+
+
+def _is_dark(norm: Any, value: float) -> bool:
+    return norm.vmax == norm.vmin or float(norm(value)) < 0.6  # one number alone has the darkest colour
+
+
+def _mark(panel: Any, row: int, column: int, text: str, colour: str, room: float) -> None:
+    panel.text(column, row, text, ha="center", va="center", fontsize=room or 5, color=colour)
+
+
+def _explain(figure: Any, failed: Any, values: Any, there: Any) -> None:
+    """Below the panels: what marks mean that stand in them."""
+    words = [f"{FAILED} the cell failed"] if failed is not None and np.any(failed) else []
+    lost = ~np.isfinite(values) & (np.zeros_like(values, bool) if failed is None else ~np.asarray(failed))
+    if there is not None and np.any(lost & np.asarray(there) & np.isnan(values)):
+        words.append(f"{NOTHING} computed, but there is no such value")
+    if np.any(lost & (False if there is None else ~np.asarray(there))):
+        words.append("empty: not computed")
+    if words:
+        figure.supxlabel("     ".join(words), fontsize=8, color="0.35")
+
+
+def _checked(values: Any, sides: Sides) -> Any:
+    values = np.asarray(values, dtype=float)
+    wanted = (len(sides.panels), len(sides.y), len(sides.x))
+    if values.shape != wanted:
+        raise ValueError(f"values have shape {values.shape}; allowed is (panel, y, x) = {wanted}, as the sides say")
+    return values
+
+
+def _panels(sides: Sides, title: str) -> tuple[Any, list[Any], float]:
+    """A figure with one panel for each label, its sides labelled; and how high letters in a cell may be, 0 where they do not fit."""
+    count = len(sides.panels)
+    columns = sides.columns or (min(MOST_COLUMNS, count) if count not in (5, 6, 9) else 3)
+    rows = -(-count // columns)
+    wide = min(max(1.9, 0.42 * len(sides.x) + 0.25), (WIDEST - 1.5) / columns)
+    high = min(max(1.3 if len(sides.y) > 1 else 0.7, 0.3 * len(sides.y) + 0.2), 12.0 / rows)
+    longest = max((len(str(text)) for text in sides.y), default=0)
+    figure = new_figure(max(wide * columns + 1.5 + 0.05 * longest, 4.2), high * rows + 0.45 * rows + 1.1)
+    figure.suptitle(wrapped(title, figure.get_figwidth()), fontsize=10)
+    found = []
+    for number, label in enumerate(sides.panels):
+        panel = figure.add_subplot(rows, columns, number + 1)
+        panel.set_title(str(label), fontsize=9)
+        _ticks(panel.set_xticks, sides.x, wide, turned=True)
+        _ticks(panel.set_yticks, sides.y, high, turned=False)
+        panel.tick_params(length=2)
+        if number >= count - columns:
+            panel.set_xlabel(sides.x_name, fontsize=8)
+        if number % columns == 0:
+            panel.set_ylabel(sides.y_name, fontsize=8)
+        found.append(panel)
+    cell = min(wide / max(len(sides.x), 1) * 0.62, high / max(len(sides.y), 1) * 1.4)  # inches, of which 3 or 4 letters have 0.25
+    return figure, found, min(7.5, 26 * cell) if cell > 0.17 else 0
+
+
+def _ticks(put: Any, labels: Sequence[Any], inches: float, turned: bool) -> None:
+    """Labels of cells, as many as there is room for."""
+    texts = [_text(label) for label in labels]
+    letters = max((len(text) for text in texts), default=1)
+    each = 0.062 * letters + 0.06 if turned else 0.13
+    rotate = turned and letters > 3 and each * len(texts) > inches
+    step = max(1, math.ceil(len(texts) * (0.13 if rotate else min(each, 0.3)) / inches), math.ceil(len(texts) / (3 * MOST_TICKS)))
+    chosen = range(0, len(texts), step)
+    put(
+        list(chosen),
+        [texts[i] for i in chosen],
+        fontsize=7,
+        **({"rotation": 60, "ha": "right", "rotation_mode": "anchor"} if rotate else {}),
+    )
+
+
+def wrapped(text: str, inches: float, points: float = 10) -> str:
+    """A title broken into lines that fit over a figure."""
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, max(24, int(inches * 72 / (0.56 * points)))))
+
+
+def _text(label: Any) -> str:
+    return f"{label:.4g}" if isinstance(label, float | np.floating) else str(label)

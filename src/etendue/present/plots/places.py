@@ -1,0 +1,119 @@
+"""Values along axes as people write them: ``f_number=2.8``, ``pixel_pitch=5400 nm``, ``stage=pixel``.
+
+In:  words of a command line or of Python; the values that an axis has.
+Out: the value that is meant, or what there is instead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+from etendue.contract.units import UnitError, to_unit
+from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.overrides import CAMERA
+from etendue.present.plots.holdings import Held
+from etendue.present.plots.labels import value_text
+
+SAME = 1e-9  # relative: the value of an axis written once more, with a unit perhaps
+
+
+def read_at(texts: Iterable[str]) -> dict[str, str]:
+    """``("f_number=2.8",)`` to ``{"f_number": "2.8"}``."""
+    found, faults = {}, []
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name.strip() or not value.strip():
+            faults.append(Fault(f"--at {text}", "expected axis=value"))
+        elif name.strip() in found:
+            faults.append(Fault(f"--at {text}", f"{name.strip()} is given twice"))
+        found[name.strip()] = value.strip()
+    if faults:
+        raise RequestError(faults)
+    return found
+
+
+def is_called(name: str, dim: str, key: str) -> bool:
+    """Whether a word means a dim: its own name, or the parameter that it sets; ``sharpen.strength``, in Python ``sharpen__strength``."""
+    word = name.replace("__", ".")
+    return name == dim or word in (key, f"{CAMERA}{key}")
+
+
+def dim_of(held: Iterable[Held], name: str) -> tuple[str, Held | None]:
+    """The dim that a word means and who has it; ('', None) where there is none."""
+    return next(((dim, one) for one in held for dim in (*one.axes, *one.dims) if is_called(name, dim, one.key_of(dim))), ("", None))
+
+
+def is_value(value: Any, text: str, unit: str) -> bool:
+    """Whether a text, with a unit or without, means a value."""
+    if isinstance(value, str):
+        return value == text
+    if isinstance(value, bool):
+        return str(value).lower() == text.lower()
+    try:
+        number = to_unit(_number(text), unit)
+    except UnitError:
+        return False
+    return math.isclose(number, value, rel_tol=SAME, abs_tol=0.0)
+
+
+def _number(text: str) -> Decimal | str:
+    try:
+        return Decimal(text)
+    except InvalidOperation:
+        return text
+
+
+def resolved(held: Sequence[Held], at: Mapping[str, Any]) -> dict[str, Any]:
+    """What is asked for as values of dims: names of dims or of the parameters that axes set; numbers, texts with units.
+
+    Raises
+    ------
+    RequestError
+        No such dim, or no such value along it.
+    """
+    found: dict[str, Any] = {}
+    faults = []
+    for name, asked in at.items():
+        dim, owner = dim_of(held, name)
+        if owner is None:
+            names = dict.fromkeys(d for h in held for d in (*h.axes, *h.dims))
+            faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {' or '.join(h.name for h in held)}{nearest(name, names)}"))
+            continue
+        values, units = list(dict.fromkeys(v for h in held if dim in (*h.axes, *h.dims) for v in h.values_of(dim))), owner.units_of(dim)
+        match = [value for value in values if is_value(value, str(asked), units)]
+        if dim in found:
+            faults.append(Fault(f"{name}={asked}", f"{dim} is given twice"))
+            continue
+        if match:
+            found[dim] = match[0]
+            continue
+        shown = ", ".join(value_text(v, units, dim) for v in values[:12]) + (", ..." if len(values) > 12 else "")
+        faults.append(Fault(f"{name}={asked}", f"{dim} has no such value; it is {shown}"))
+    if faults:
+        raise RequestError(faults)
+    return found
+
+
+def resolved_in(array: Any, at: Mapping[str, Any]) -> dict[str, Any]:
+    """The same for the dims of one array of xarray."""
+    found: dict[str, Any] = {}
+    faults = []
+    keys = {str(dim): str(array[dim].attrs.get("parameter", dim)) if dim in array.coords else str(dim) for dim in array.dims}
+    for word, asked in at.items():
+        name = next((dim for dim, key in keys.items() if is_called(word, dim, key)), word)
+        if name not in array.dims:
+            faults.append(Fault(f"{name}={asked}", f"{name} is no dim of {array.name}{nearest(name, map(str, array.dims))}"))
+            continue
+        values = array[name].values.tolist() if name in array.coords else list(range(array.sizes[name]))
+        units = str(array[name].attrs.get("units", "1")) if name in array.coords else "1"
+        match = [value for value in values if is_value(value, str(asked), units)]
+        if match:
+            found[name] = match[0]
+        else:
+            faults.append(Fault(f"{name}={asked}", f"{name} is {', '.join(value_text(v, units, name) for v in values[:12])}"))
+    if faults:
+        raise RequestError(faults)
+    return found

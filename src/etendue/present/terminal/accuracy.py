@@ -1,0 +1,210 @@
+"""Error against run time, as ``etendue accuracy`` tells it.
+
+In:  what the study found.
+Out: a document for ``--json``, a table, a diagram, and the same on stdout.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from etendue.present.terminal.terminal import _out, _table, escape
+from etendue.present.terminal.work_precision import Series, diagrams
+
+UNBOUNDED = 132  # columns where nobody's terminal ends
+TABLE, DOCUMENT, DIAGRAM = "accuracy.csv", "accuracy.json", "accuracy.png"
+
+
+def document(found: Any) -> dict[str, Any]:
+    """All curves, trials and choices; errors are rms relative to full scale, seconds those of one thread."""
+    knobs = {curve.knob.key: curve.knob for curve in found.curves}
+    elsewhere = {tolerance: error for tolerance, error, _ in found.verified}
+
+    def point(trial: Any) -> dict[str, Any]:
+        settings = {key: trial.setting(knob) for key, knob in knobs.items()}
+        return {"settings": settings, "error": trial.error, "variable": trial.variable, "seconds": trial.whole}
+
+    return {
+        "pipeline": found.pipeline,
+        "at": dict(found.at),
+        "curves": [_curve(curve) for curve in found.curves],
+        "points": [point(trial) for trial in found.trials if not trial.why],
+        "frontier": [point(trial) for trial in found.frontier],
+        "planned": {**point(found.planned), "settings": dict(found.planned.settings)},
+        "noise_floor": found.noise_floor,
+        "noise_floor_of": found.noise_of or None,
+        "reference_floor": found.floor,
+        "cheapest": [
+            {
+                "tolerance": tolerance,
+                **(point(trial) if trial else {"settings": None, "error": None, "variable": None, "seconds": None}),
+                **({"elsewhere": elsewhere.get(tolerance)} if found.verified_at else {}),
+            }
+            for tolerance, trial in found.cheapest
+        ],
+        "verified_at": dict(found.verified_at) or None,
+        "notes": list(found.notes),
+    }
+
+
+def _curve(curve: Any) -> dict[str, Any]:
+    knob = curve.knob
+    return {
+        "stage": knob.stage or None,
+        "knob": knob.name,
+        "use": knob.use or None,
+        "reference": knob.reference,
+        "units": None if knob.units in ("", "1") else knob.units,
+        "measured_at": curve.measured_at,
+        "order": curve.convergence.order,
+        "law": curve.convergence.law or None,
+        "order_from": list(curve.convergence.settings),
+        "points": [
+            {
+                "setting": trial.setting(knob),
+                "seconds": curve.seconds(trial),
+                "error": trial.error,
+                "stage_error": trial.stage_errors.get(knob.key),
+                "variable": trial.variable,
+                "whole_seconds": trial.whole,
+            }
+            for trial in curve.trials
+        ],
+    }
+
+
+def csv_text(document: Mapping[str, Any]) -> str:
+    """A row for each setting of each knob alone, and for each combination of the front."""
+    text = io.StringIO()
+    rows = csv.writer(text)
+    rows.writerow(["part", "knob", "setting", "stage_error", "error", "variable", "seconds", "whole_seconds", "order"])
+    for curve in document["curves"]:
+        key = _key(curve)
+        for p in curve["points"]:
+            rows.writerow(
+                ["alone", key, p["setting"], p["stage_error"], p["error"], p["variable"], p["seconds"], p["whole_seconds"], curve["order"]]
+            )
+    for part in ("frontier", "points"):
+        for p in document[part]:
+            rows.writerow([part, "", _settings(p["settings"]), "", p["error"], p["variable"], "", p["seconds"], ""])
+    return text.getvalue()
+
+
+def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
+    """Of a document without NaN and infinity."""
+    return {
+        TABLE: csv_text(document).encode(),
+        DOCUMENT: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode(),
+        DIAGRAM: diagram(document),
+    }
+
+
+def diagram(document: Mapping[str, Any]) -> bytes:
+    """Left: each knob alone, error of its stage against the time of the stages it affects. Right: the whole camera."""
+    floor = document["reference_floor"]
+    alone = []
+    for curve in document["curves"]:
+        points = [(p["seconds"], p["stage_error"]) for p in curve["points"] if p["stage_error"]]
+        if len(points) > 1:
+            alone.append(Series(f"{_key(curve)}{_law(curve)}", points))
+    whole = [(p["seconds"], max(p["error"], floor)) for p in document["points"] if p["error"] is not None]
+    front = [(p["seconds"], max(p["error"], floor)) for p in document["frontier"]]
+    planned = [(document["planned"]["seconds"], max(document["planned"]["error"] or 0.0, floor))]
+    return diagrams(
+        f"{document['pipeline']}: error against run time",
+        [
+            ("each knob alone, at its stage", "thread time of the stages it affects, s", alone, None, None),
+            (
+                "the whole camera, at what is wanted", "thread time, s",
+                [Series("tried", whole, "dots"), Series("nothing better is as fast", front, "front"),
+                 Series("as planned", planned, "star")],
+                (document["noise_floor"], f"noise of one frame, {document['noise_floor_of']}"),
+                (floor, "the reference is not known better"),
+            ),
+        ],
+    )  # fmt: skip
+
+
+def print_accuracy(document: dict[str, Any], files: list[Path]) -> None:
+    """Every knob alone, the front, the cheapest setting for each tolerance, and what there is to say about it."""
+    console = _out()
+    if not console.is_terminal:
+        console.width = max(console.width, UNBOUNDED)
+    at = ", ".join(f"{key} {value}" for key, value in document["at"].items())
+    rows = _table(
+        f"{escape(document['pipeline'])}: each knob alone{escape(f', at {at}') if at else ''}",
+        ("knob", "left"), ("setting", "right"), ("at its stage", "right"), ("wanted", "right"), ("time", "right"),
+        ("order", "left"),
+    )  # fmt: skip
+    for curve in document["curves"]:
+        for number, p in enumerate(curve["points"]):
+            last = number == len(curve["points"]) - 1
+            shown = ("reference", "") if last else (_number(p["stage_error"]), _number(p["error"]))
+            head = (escape(_key(curve)), escape(_law(curve).strip(", "))) if not number else ("", "")
+            rows.add_row(head[0], _value(p["setting"]), *shown, _seconds(p["seconds"]), head[1])
+    console.print(rows)
+    reference = {_key(curve): curve["reference"] for curve in document["curves"]}
+    rows = _table("nothing better is as fast", ("error", "right"), ("time", "right"), ("settings", "left"), wrap=("settings",))
+    for p in document["frontier"]:
+        rows.add_row(_number(p["error"]), _seconds(p["seconds"]), escape(_settings(p["settings"], reference)))
+    console.print(rows)
+    columns = [("tolerance", "right"), ("error", "right"), ("time", "right"), ("cheapest settings", "left")]
+    if document["verified_at"]:
+        columns.insert(2, ("elsewhere", "right"))
+    rows = _table("the cheapest setting", *columns, wrap=("cheapest settings",))
+    for one in document["cheapest"]:
+        words = [f"{one['tolerance']:.0e}", _number(one["error"]), _seconds(one["seconds"])]
+        if document["verified_at"]:
+            words.insert(2, _number(one["elsewhere"]))
+        rows.add_row(*words, "none" if one["settings"] is None else escape(_settings(one["settings"], reference)))
+    console.print(rows)
+    planned = document["planned"]
+    console.print(f"as planned  error {_number(planned['error'])}, {_seconds(planned['seconds'])}")
+    if document["verified_at"]:
+        console.print(
+            escape(f"elsewhere   {', '.join(f'{key} = {value}' for key, value in document['verified_at'].items())}"), soft_wrap=True
+        )
+    if document["noise_floor"] is not None:
+        console.print(
+            f"noise       of one frame {document['noise_floor']:.2g} in {document['noise_floor_of']}: below it nothing is seen in one"
+        )
+    console.print(f"reference   known to {document['reference_floor']:.1g}; errors below count as that")
+    for text in document["notes"]:
+        console.print(f"note        {escape(text)}", soft_wrap=True)
+    for path in files:
+        console.print(f"file        {escape(str(path))}", soft_wrap=True)
+
+
+def _key(curve: Mapping[str, Any]) -> str:
+    return f"{curve['stage']}.{curve['knob']}" if curve["stage"] else curve["knob"]
+
+
+def _law(curve: Mapping[str, Any]) -> str:
+    """', order 4.0' or ', a factor 3.1 a step' of what was observed."""
+    if curve["order"] is None:
+        return ""
+    return f", order {curve['order']:.1f}" if curve["law"] == "algebraic" else f", a factor {math.exp(min(curve['order'], 700)):.2g} each"
+
+
+def _value(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _settings(settings: Mapping[str, Any], reference: Mapping[str, Any] = {}) -> str:
+    """Settings in words; those that stand at their reference go without saying."""
+    moved = {key: value for key, value in settings.items() if key not in reference or value != reference[key]}
+    return ", ".join(f"{key} = {_value(value)}" for key, value in moved.items()) or "the reference"
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.2g}"
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.3g} ms" if value < 1 else f"{value:.3g} s"

@@ -1,0 +1,175 @@
+"""What is installed, in words: stages by what they are for, and the quantities that stages share.
+
+In:  the registry.
+Out: stages and camera quantities on the terminal, or as JSON.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from inspect import cleandoc
+from typing import Any
+
+from rich.padding import Padding
+
+from etendue.contract import quantities as camera
+from etendue.contract.parameter import MISSING
+from etendue.contract.registry import Registry
+from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.errors import PluginError
+from etendue.plugins import discovery
+from etendue.present.terminal.terminal import _out, _table, escape
+
+
+def stage_document(registry: Registry, name: str) -> dict[str, Any]:
+    """One stage as JSON; a broken plugin says why it is broken."""
+    installed = registry.installed(name)
+    document: dict[str, Any] = {"name": name, "distribution": installed.distribution, "version": installed.version}
+    try:
+        kind = registry.load(name)
+    except PluginError as error:
+        return {**document, "role": "", "reads": {}, "writes": {}, "parameters": {}, "doc": "", "broken": str(error)}
+    parameters = {}
+    for key, (parameter, kind_of, default) in parameters_of(kind).items():
+        value = None if default is MISSING else (list(default) if isinstance(default, tuple) else default)
+        if isinstance(value, float) and not math.isfinite(value):
+            value = "inf"
+        parameters[key] = {
+            "type": getattr(kind_of, "__name__", str(kind_of)), "units": parameter.units, "default": value, "required": default is MISSING,
+            "range": parameter.shown_range(), "choices": list(parameter.choices) if parameter.choices else None,
+            "camera": parameter.camera, "fidelity": parameter.reference or None,
+            "settings": ["inf" if v == math.inf else v for v in parameter.settings] if parameter.settings else None,
+            "studied": parameter.studied, "doc": parameter.doc,
+        }  # fmt: skip
+    return {
+        **document,
+        "role": kind.role,
+        "reads": {p: str(d) for p, d in reads_of(kind).items()},
+        "writes": {p: str(d) for p, d in writes_of(kind).items()},
+        "parameters": parameters,
+        "doc": (kind.__doc__ or "").strip(),
+    }
+
+
+def print_stages(documents: list[dict[str, Any]]) -> None:
+    """Every stage in a line below its role, in the order in which roles are declared; what is declared nowhere, and what is broken."""
+    console = _out()
+    roles, working = discovery.installed(), [d for d in documents if "broken" not in d]
+    declared = roles.names("roles")
+    table = _table("stages by what they are for", ("stage", "left"), ("what it is", "left"), wrap=("what it is",))
+    for role in dict.fromkeys([*declared, *sorted({d["role"] for d in working})]):
+        own = [d for d in working if d["role"] == role]
+        if own:
+            said = roles.first("roles", role)
+            table.add_row(escape(role or "(no role)"), escape(str(said.value)) if said else "")
+        for d in own:
+            table.add_row(f"  {d['name']}", escape(first_sentence(d["doc"]) + _origin(d)))
+    console.print(table)
+    for role in sorted({d["role"] for d in working} - {"", *declared}):
+        who = ", ".join(d["name"] for d in working if d["role"] == role)
+        console.print(escape(f"note: no distribution says what the role {role!r} of {who} is: etendue_roles()"))
+    for d in documents:
+        if "broken" in d:
+            console.print(f"broken: {d['name']}: {escape(d['broken'])}")
+    console.print("one of them in full: etendue stages NAME; what several of them share: etendue quantities")
+
+
+def _origin(document: dict[str, Any]) -> str:
+    """' (from NAME VERSION)' of what is not built in."""
+    return "" if document["distribution"] == discovery.OWN else f" (from {document['distribution']} {document['version']})"
+
+
+def first_sentence(doc: str) -> str:
+    """The first sentence, for lists; 'eq. 5' does not end one."""
+    paragraph = " ".join(cleandoc(doc).split("\n\n")[0].split())
+    return re.split(r"(?<=[.!?])(?<!\beq\.)(?<!\beqs\.)(?<!\bFig\.)\s", paragraph, maxsplit=1)[0]
+
+
+def print_stage(document: dict[str, Any]) -> None:
+    """One stage in full: what it is, reads, writes, and a paragraph for every parameter."""
+    console = _out()
+    role = f", {document['role']}" if document["role"] else ""
+    console.print(escape(f"{document['name']}{role}, from {document['distribution']} {document['version']}"))
+    if "broken" in document:
+        console.print(f"broken: {escape(document['broken'])}")
+        return
+    console.print(escape(re.sub(r"(?<!\n)\n(?!\n)", " ", cleandoc(document["doc"]))))  # a line for each paragraph
+    for what in ("reads", "writes"):
+        for declaration in document[what].values():
+            console.print(f"{what:7s} {escape(declaration)}")
+    for key, p in document["parameters"].items():
+        units = f" {p['units']}" if p["units"] not in ("1", "") else ""
+        value = f" in{units}" if units else ""
+        if not p["required"]:
+            value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
+        allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
+        notes = [text for text in ("required" if p["required"] else "", "under [camera]" if p["camera"] else "", allowed) if text]
+        console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
+        settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
+        for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else ""):
+            if text:
+                console.print(Padding(escape(text), (0, 0, 0, 4)))
+
+
+def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
+    """One camera quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
+    brought = discovery.installed().all("quantities", name)
+    found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
+    try:
+        if clash := discovery.installed().clash("quantities", name):
+            raise PluginError(clash)
+        found |= _plain(camera.declared(name))
+    except PluginError as error:
+        return {**found, "units": "", "default": None, "required": False, "range": "", "choices": None, "doc": "", "broken": str(error)}
+    if registry is not None:
+        found["stages"] = [stage for stage in registry.names() if _takes(registry, stage, name)]
+    return found
+
+
+def _takes(registry: Registry, stage: str, name: str) -> bool:
+    try:
+        declared = parameters_of(registry.load(stage)).get(name)
+    except PluginError:
+        return False
+    return declared is not None and declared[0].camera
+
+
+def _plain(parameter: camera.Quantity) -> dict[str, Any]:
+    value = None if parameter.default is MISSING else parameter.default
+    if isinstance(value, float) and not math.isfinite(value):
+        value = "inf"
+    return {
+        "units": parameter.units, "default": value, "required": parameter.default is MISSING, "range": parameter.shown_range(),
+        "choices": list(parameter.choices) if parameter.choices else None, "doc": parameter.doc,
+    }  # fmt: skip
+
+
+def print_quantities(documents: list[dict[str, Any]]) -> None:
+    """Every camera quantity in a line."""
+    columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
+    table = _table("quantities that stages share, under \\[camera] in a pipeline", *columns, wrap=("what it is",))
+    for d in documents:
+        said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
+        table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))
+    console = _out()
+    console.print(table)
+    console.print("one of them with its range and the stages that take it: etendue quantities NAME")
+
+
+def _valued(document: dict[str, Any]) -> str:
+    units = "" if document["units"] in ("1", "") else f" {document['units']}"
+    return "''" if document["default"] == "" else f"{document['default']}{units}"
+
+
+def print_quantity(document: dict[str, Any]) -> None:
+    console = _out()
+    console.print(escape(f"{document['name']}: {document['doc']}{_origin(document)}"))
+    if "broken" in document:
+        console.print(escape(f"broken: {document['broken']}"))
+        return
+    console.print(escape("required, no default" if document["required"] else f"default  {_valued(document)}"))
+    allowed = f"one of {', '.join(document['choices'])}" if document["choices"] else document["range"]
+    if allowed:
+        console.print(escape(f"allowed  {allowed}"))
+    console.print(f"taken by {', '.join(document['stages']) or 'no stage that is installed'}")

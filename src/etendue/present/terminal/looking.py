@@ -1,0 +1,41 @@
+"""What to look at: the command behind a run that draws its results, and the list of what can be drawn.
+
+In:  the outcome of a run; what an archive holds.
+Out: lines of text.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+from typing import Any
+
+from etendue.present.pictures.small_maps import small_maps
+from etendue.telling import printable
+
+
+def next_commands(outcome: Any) -> list[str]:
+    """What to type to look at the results: plots of what there is."""
+    place = shlex.quote(str(outcome.archive) if "://" in str(outcome.archive) else os.path.relpath(outcome.archive))
+    place = place if not place.startswith("..") else shlex.quote(str(outcome.archive))
+    chosen = small_maps(outcome.plan)
+    kinds = [f"map {chosen[0].variable}", "pareto"] if len(chosen) > 1 else [f"map {chosen[0].variable}"] if chosen else []
+    kinds += ["strip", "budget"]
+    return [f"look at it     etendue plot {place} {kinds[0]}  (or {', '.join(kinds[1:])}; what there is: --list)"]
+
+
+def plots_text(document: dict[str, Any]) -> list[str]:
+    """What can be drawn of an archive, line by line."""
+    lines = []
+    for name, what in document["kinds"].items():
+        lines.append(f"kind {name:8s} {what}")
+    for axis, values in document["axes"].items():
+        shown = ", ".join(values[:8]) + (f", ... ({len(values)})" if len(values) > 8 else "")
+        lines.append(printable(f"axis {axis}: {shown}"))
+    wide = max((len(one["name"]) for one in document["variables"]), default=0)
+    for one in document["variables"]:
+        own = ", ".join([*one["axes"], *(f"[{dim}]" for dim in one["dims"])]) or "one value"
+        unit = f"  in {one['units']}" if one["units"] else ""
+        better = f"  {one['better']} is better" if one["better"] else ""
+        lines.append(printable(f"{one['kind']:8s} {one['name']:{wide}s}  over {own}{unit}{better}"))
+    return lines

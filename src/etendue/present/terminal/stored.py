@@ -1,0 +1,54 @@
+"""What a terminal shows of an archive: its runs, axes and stages, with the cells that are there.
+
+In:  the document that describes an archive.
+Out: lines on stdout.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from etendue.present.terminal.terminal import _out, _product, escape, human_rate, human_seconds, short_axes
+from etendue.telling import human_bytes
+
+
+def _span(sizes: list[int]) -> str:
+    """'32', or '24..48' where cells of one stage are of several sizes."""
+    return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
+
+
+def print_archive(document: dict[str, Any]) -> None:
+    console = _out()
+    runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
+    state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
+    console.print(f"{document['archive']}: pipeline {document['pipeline']}, {human_bytes(document['bytes'])}, {state}")
+    if document["partial"]:
+        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
+    planned, finished = document["planned"], document["finished"]
+    if planned:
+        share = f"{100 * finished // planned} %" if finished < planned else "all"
+        console.print(f"cells {finished} of {planned} that the last run was asked for ({share})")
+    if document["rate"]:
+        left = "" if document["left"] is None else f", about {human_seconds(max(round(document['left']), 1))} left"
+        console.print(f"pace  {human_rate(document['rate'])} since it began{left}")
+    for axis, values in document["axes"].items():
+        shown = ", ".join(map(str, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
+        console.print(f"axis {axis}: {shown}")
+    axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
+    for stage in document["stages"]:
+        cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
+        if document["running"] and stage["planned"]:
+            cells = f"{stage['finished']} of {stage['planned']}"
+        groups = dict.fromkeys(v["group"] for v in stage["variables"]) or {f"{stage['name']} (not kept)": None}
+        parts: dict[tuple[Any, ...], list[Any]] = {}
+        for v in stage["variables"]:
+            parts.setdefault((v["variable"], v["units"], *(d for d in v["dims"] if d not in axes)), []).append(v)
+        reach = list(dict.fromkeys(axes[d] for v in stage["variables"] for d in v["dims"] if d in axes))
+        title = next(iter(groups)) if len(groups) == 1 else f"{stage['name']} ({len(groups)} sizes)"
+        console.print(f"{title:28s} {cells:20s} {_product(reach)}")
+        for (variable, units, *dims), own in parts.items():
+            inner = " ".join(f"{d}={_span([v['dims'][d] for v in own])}" for d in dims)
+            unit = f"[{units}]" if units not in ("", "1") else ""
+            console.print(escape(f"    {variable:24s} {inner:27s} {unit}").rstrip())
+    console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)

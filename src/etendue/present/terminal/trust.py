@@ -1,0 +1,170 @@
+"""What a terminal sees of an archive's trustworthiness: reproduced, compared, verified."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
+
+from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
+from etendue.telling import human_bytes
+
+MOST = 16  # lines of a kind; --json has all
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2g}"
+
+
+def print_reproduction(document: dict[str, Any]) -> None:
+    """By stage how many cells came out again, and how far the others are; what differs of platform and software."""
+    console = _out()
+    table = _table(
+        f"{escape(document['archive'])}: {document['verdict']}",
+        ("stage", "left"), ("arrays", "right"), ("same", "right"), ("within", "right"), ("not", "right"), ("largest", "right"),
+        ("rms", "right"), ("stated", "right"),
+    )  # fmt: skip
+    for stage in document["stages"]:
+        wrong = sum(stage[kind] for kind in ("beyond", "unknown", "damaged", "failed"))
+        table.add_row(
+            stage["name"], str(stage["compared"]), str(stage["same"]), str(stage["within"] or ""), str(wrong or ""),
+            *(_figure(stage[name]) if stage["same"] < stage["compared"] else "" for name in ("largest", "relative", "allowed")),
+        )  # fmt: skip
+    console.print(table)
+    for name, pair in document["platform"]["differs"].items():
+        console.print(escape(f"platform  {name}: {pair['then']} then, {pair['now']} now"), soft_wrap=True)
+    if document["platform"]["same"]:
+        console.print("platform  the same: every bit has to agree")
+    for row in document["software"]:
+        what = "its code is another" if row["what"] == "code" else f"{row['then']} then, {row['now']} now"
+        console.print(escape(f"software  {row['stage']}: {what}"), soft_wrap=True)
+    for cell in document["not_the_same"]:
+        if cell["found"] != "within":
+            console.print(
+                escape(f"{cell['found']}: {cell['cell']} {cell['variable']}: {cell['why'] or 'rms ' + _figure(cell['relative'])}"),
+                soft_wrap=True,
+            )
+    for one in document["differences"][:MOST]:
+        where = f" {one['where']}" if one["where"] else ""
+        says = one["says"] or "nothing, or it is not there"
+        console.print(escape(f"another: {one['file']}{where}: it says {says}; it comes out as {one['is'] or 'nothing'}"), soft_wrap=True)
+    if len(document["differences"]) > MOST:
+        console.print(f"... {len(document['differences']) - MOST} more; --json has all")
+    for damage in document["damages"][:MOST]:
+        console.print(escape(_damage(damage)), soft_wrap=True)
+    console.print(f"{document['compared']} variables of cells compared in {human_seconds(document['seconds'])}")
+    if not document["differences"]:
+        console.print("coordinates, units, dims, types, status, tables, records: as they come out again")
+    for one in document["not_checked"]:
+        console.print(escape(f"not checked: {one['what']} ({one['why']})"), soft_wrap=True)
+    if any(stage["relative"] for stage in document["stages"]):
+        console.print("rms and stated are relative to full scale")
+
+
+def print_differences(document: dict[str, Any]) -> None:
+    """By stage which cells of two archives differ, by how much, and since what."""
+    console = _out()
+    state = "equal" if document["equal"] else "not equal"
+    console.print(escape(f"{document['first']} and {document['second']}: {state}"), soft_wrap=True)
+    table = _table(
+        "",
+        ("stage", "left"), ("cells", "right"), ("differ", "right"), ("in 1st", "right"), ("in 2nd", "right"), ("largest", "right"),
+        ("rms", "right"), ("share", "right"),
+    )  # fmt: skip
+    for stage in document["stages"]:
+        table.add_row(
+            stage["name"], str(stage["cells"]), *(str(stage[name] or "") for name in ("differing", "only_first", "only_second")),
+            *(_figure(stage[name]) if stage["differing"] else "" for name in ("largest", "rms", "relative")),
+        )  # fmt: skip
+    console.print(table)
+    if any(stage["differing"] for stage in document["stages"]):
+        console.print(
+            "of the worst cell: largest and rms difference, and as a share rms over full scale (inf: there is none to divide by)",
+            soft_wrap=True,
+        )
+    for stage in document["stages"]:
+        if stage["since"] and stage["differing"]:
+            console.print(escape(f"since  {stage['name']}: {stage['since']}"), soft_wrap=True)
+    for stage in document["stages"]:
+        for one in stage["worst"]:
+            if "why" in one:
+                console.print(escape(f"cannot be compared: {one['cell']} {one['variable']}: {one['why']}"), soft_wrap=True)
+    for which, own in document["only"].items():
+        if own["cells"]:
+            at = "; ".join(
+                f"{dim} {', '.join(f'{v:g}' if isinstance(v, float) else v for v in own['values'][dim][:8])}" for dim in own["values"]
+            )
+            console.print(escape(f"only in {document[which]}: {own['cells']} cells{f', at {at}' if at else ''}"), soft_wrap=True)
+
+
+@contextmanager
+def reading(silent: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """A bar of bytes on stderr while an archive is read; nothing where stderr is no terminal."""
+    bar = Progress(
+        TextColumn("reading"), BarColumn(), DownloadColumn(), TransferSpeedColumn(), console=Console(stderr=True), transient=True
+    )
+    if silent or not bar.console.is_terminal:
+        yield lambda done, total: None
+        return
+    task = bar.add_task("reading")
+
+    def told(done: int, total: int) -> None:
+        if not bar.live.is_started:
+            bar.start()
+        bar.update(task, completed=done, total=max(done, total))
+        if done >= total:
+            bar.stop()
+
+    try:
+        yield told
+    finally:
+        bar.stop()
+
+
+def print_verified(document: dict[str, Any]) -> None:
+    """What is damaged, and how much was read."""
+    console = _out()
+    for damage in document["damages"][:MOST]:
+        console.print(escape(_damage(damage)), soft_wrap=True)
+    if len(document["damages"]) > MOST:
+        console.print(f"... {len(document['damages']) - MOST} more; --json has all")
+    for path in document["beside"]:
+        console.print(escape(f"beside it: {path}, which no run has written, and nobody vouches for"), soft_wrap=True)
+    if document["partial"]:
+        console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
+    rate = f", {document['bytes_per_second'] / 1e6:.0f} MB/s" if document["bytes_per_second"] else ""
+    read = (
+        f"{document['cells']} cells, {document['chunks']} chunks, {human_bytes(document['bytes'])} in {human_seconds(document['seconds'])}"
+    )
+    lost = len(document["cells_lost"])
+    places = len(document["damages"])
+    found = f"{places} {'damage' if places == 1 else 'damages'}; {lost} {'cell' if lost == 1 else 'cells'} to be computed again"
+    console.print(escape(f"{document['archive']}: {'whole' if document['whole'] else found}"), soft_wrap=True)
+    console.print(f"read {read}{rate}")
+    if "sha256" in document:
+        console.print(f"sha256 of all of it: {document['sha256']}", soft_wrap=True)
+    if not document["whole"]:
+        console.print(escape(f"repair it: etendue verify {document['archive']} --repair"), soft_wrap=True)
+
+
+def _damage(damage: dict[str, Any]) -> str:
+    where = f" ({damage['array']})" if damage["array"] and not damage["cell"] else ""
+    cell = f", cell {damage['cell']} of {damage['array']}" if damage["cell"] else where
+    return f"{damage['kind']}: {damage['path']}{cell}: {damage['what']}"
+
+
+def print_repaired(document: dict[str, Any]) -> None:
+    """What was damaged, what was done, what is left."""
+    console = _out()
+    for damage in document["repaired"][:MOST]:
+        console.print(escape(f"was {_damage(damage)}"), soft_wrap=True)
+    if len(document["repaired"]) > MOST:
+        console.print(f"... {len(document['repaired']) - MOST} more; --json has all")
+    for text in document["done"][:MOST]:
+        console.print(escape(text), soft_wrap=True)
+    if document["repaired"]:
+        console.print(f"{document['computed']} {'cell' if document['computed'] == 1 else 'cells'} computed, {document['failed']} failed")
+    print_verified(document)

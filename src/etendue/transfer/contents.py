@@ -1,0 +1,111 @@
+"""What a scene's light holds, looked at before anything is planned: one transform of every band.
+
+In:  a source and the grid of what it writes.
+Out: a ``Spectrum``, every figure rounded up to three digits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.bounds import MOST_VALUES
+from etendue.contract.capabilities import Banded, Source
+from etendue.contract.coordinates import coordinates_of
+from etendue.contract.facts import Spectrum
+from etendue.contract.grid import Grid
+from etendue.contract.stage import Stage, arguments_of, writes_of
+from etendue.errors import EtendueError
+from etendue.process import unwarned
+from etendue.telling import foreign
+from etendue.transfer import rings as scene_spectrum
+
+LARGEST = 1 << 25  # values that are looked at; of more, some bands stand for their neighbours
+AT_ONCE = 1 << 24  # values that are made together: of one band, or of all where the source makes no single ones
+
+
+def light_of(source: type[Source]) -> str | None:
+    """The variable of a source that is light by wavelength and place; None where there is none."""
+    return next((d.variable for d in writes_of(source).values() if set(d.dims) == {"wavelength", "y", "x"}), None)
+
+
+def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
+    """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, where it is too
+    large to be looked at (17 million samples a band), and where it cannot be made: the run says why."""
+    try:
+        with np.errstate(all="ignore"), unwarned():
+            return _looked_at(source, grids)
+    except (EtendueError, ValueError, OSError, MemoryError, FloatingPointError):
+        return None
+
+
+def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
+    variable = light_of(type(source))
+    if variable is None or {"rng", "rng_sensor"} & set(arguments_of(type(source))):
+        return None
+    grid = grids[variable]
+    y, x = grid.line("y"), grid.line("x")
+    together = y.size * x.size if isinstance(source, Banded) else grid.count
+    if y.cells or x.cells or together > AT_ONCE or grid.count > MOST_VALUES:
+        return None
+    edges = scene_spectrum.ring_edges(y.size, x.size, y.step, x.step)
+    rows: list[Any] = []
+    for planes in _planes(source, grids, variable):
+        if not isinstance(planes, np.ndarray) or planes.dtype.kind != "f" or planes.shape[1:] != (y.size, x.size):
+            return None
+        for plane in planes:
+            low, high, mean = float(plane.min()), float(plane.max()), float(plane.mean(dtype=np.float64))
+            if not math.isfinite(low + high):
+                return None
+            sums = scene_spectrum.ring_sums(np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges)
+            rows.append((low, mean, high, sums[0] * high**2, sums[1] * abs(high)))
+    full = max(max(abs(row[0]), abs(row[2])) for row in rows)
+    if full == 0:
+        full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4]) for row in rows]
+    own = full or 1.0
+    every = _spread(rows, grid.bands().size)
+    return Spectrum(
+        _up(full), tuple(map(float, edges)), tuple(tuple(_up(v / own**2) for v in row[3]) for row in every),
+        tuple(tuple(_up(v / own) for v in row[4]) for row in every), tuple(-_up(-row[0] / own) for row in every),
+        tuple(_up(row[1] / own) for row in every), tuple(_up(row[2] / own) for row in every),
+    )  # fmt: skip
+
+
+def _planes(source: Source, grids: Mapping[str, Grid], variable: str) -> Iterator[Any]:
+    """The scene's light, some bands at once; every so manieth band where there are too many values."""
+    grid = grids[variable]
+    given = {**coordinates_of(grids), **coordinates_of(grids, "out_")}
+    count, size = grid.bands().size, grid.line("y").size * grid.line("x").size
+    own: Any = source
+    with foreign(f"{type(source).__name__}.prepare"):
+        prepared = None if type(source).prepare is Stage.prepare else own.prepare(given)
+
+    def made(part: Any) -> Any:
+        asked = {"asked": frozenset[str]()} | given | ({"prepared": part} if part is not None else {})
+        with foreign(f"{type(source).__name__}.run"):
+            return own.run(**{name: asked[name] for name in arguments_of(type(source))}).get(variable)
+
+    if not isinstance(source, Banded) or count * size <= AT_ONCE:
+        yield made(prepared)
+        return
+    for band in range(0, count, max(1, math.ceil(count * size / LARGEST))):
+        with foreign(f"{type(source).__name__}.by_band"):
+            part = own.by_band(prepared, slice(band, band + 1))
+        yield made(part)
+
+
+def _spread(rows: list[Any], count: int) -> list[Any]:
+    """A row for every band: the nearest that was looked at stands for those that were not."""
+    return rows if len(rows) == count else [rows[min(round(b * len(rows) / count), len(rows) - 1)] for b in range(count)]
+
+
+def _up(value: float) -> float:
+    """Rounded up to three digits."""
+    if value == 0 or not math.isfinite(value):
+        return value
+    digits = 2 - math.floor(math.log10(abs(value)))
+    scale = 10.0**digits if digits < 300 else 1e300
+    return math.ceil(value * scale - 1e-9) / scale

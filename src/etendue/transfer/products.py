@@ -1,0 +1,128 @@
+"""The product of the transfer functions of some stages: the one place where a stage's ``transfer`` is asked.
+
+In:  stages in the order of the light, wavelength bins, what each stage has prepared.
+Out: their product at separable frequencies, for all bands or some of them; of channels the mean over wavelength, with the charge that moves
+     between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
+from etendue.contract.grid import Bands
+from etendue.contract.stage import Stage
+from etendue.errors import PluginError
+from etendue.telling import foreign
+
+EVERY = slice(None)
+
+
+def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
+    """What a stage prepares for wavelength bins, asked of it now."""
+    with foreign(f"{type(stage).__name__}.prepare"):
+        return stage.prepare({"wavelength_edges": np.array(edges), "wavelength": np.array(Bands(edges).values())})
+
+
+@dataclass(frozen=True)
+class Product:
+    """``stages`` one behind the other. ``prepared`` gives what a stage has prepared for the bins; nobody: it is asked now."""
+
+    stages: tuple[Transfer, ...]
+    edges: tuple[float, ...]
+    prepared: Callable[[Stage, tuple[float, ...]], Any] = field(default=alone, compare=False)
+
+    @cached_property
+    def wavelength(self) -> NDArray[np.float64]:
+        """(wavelength, 1, 1), um: the middle of every bin."""
+        return np.array(Bands(self.edges).values())[:, None, None] * 1e-3
+
+    @cached_property
+    def _prepared(self) -> list[Any]:
+        return [self.prepared(stage, self.edges) for stage in self.stages]
+
+    @property
+    def radial(self) -> bool:
+        """Whether every stage depends on the size of the frequency alone."""
+        return all(stage.radial for stage in self.stages)
+
+    def at(self, fy: NDArray[Any], fx: NDArray[Any], bands: slice = EVERY) -> Any:
+        """(wavelength or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 where there is no stage."""
+        wavelength = self.wavelength[bands]
+        product: Any = np.ones((1, 1, 1))
+        for stage, prepared in zip(self.stages, self._prepared, strict=True):
+            product = product * asked(stage, fy, fx, wavelength, prepared)
+        return product
+
+    def along(self, frequency: NDArray[Any]) -> Any:
+        """(wavelength, n) along x."""
+        found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
+        return np.broadcast_to(found, (self.wavelength.size, frequency.size))
+
+
+def asked(stage: Transfer, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+    """``stage.transfer`` as (wavelength or 1, m, n) finite numbers that fit the frequencies, or an error that names the stage."""
+    name = f"{type(stage).__name__}.transfer"
+    with foreign(name):
+        given = (fy, fx, wavelength) if prepared is None else (fy, fx, wavelength, prepared)
+        found = np.asarray(stage.transfer(*given))
+    if found.dtype.kind not in "fiubc" or found.ndim > 3:
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (wavelength, y, x)")
+    shape = (np.size(wavelength), np.shape(fy)[0], np.shape(fx)[1])
+    if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
+        raise PluginError(f"{name} gave shape {found.shape}, but was asked for {shape}")
+    return found.reshape((1,) * (3 - found.ndim) + found.shape)
+
+
+def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
+    """``stage.channel_transfer`` as (channel, channel, m, n) finite numbers that fit the frequencies (m,), (n,), or an error that names the
+    stage."""
+    name = f"{type(stage).__name__}.channel_transfer"
+    with foreign(name):
+        found = np.asarray(stage.channel_transfer(fy, fx, light, prepared))
+    if found.dtype.kind not in "fc" or found.ndim != 4 or found.shape[0] != found.shape[1] or found.shape[2:] != (len(fy), len(fx)):
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected (channel, channel, {len(fy)}, {len(fx)}) numbers")
+    return found
+
+
+def behind_filters(bands: Any, photons: Any, moved: Any = (), still: Any = ()) -> Any:
+    """Transfer functions of grey detail by channel: means over wavelength, and what charge that moves between channels makes of them.
+
+    Parameters
+    ----------
+    bands : (wavelength, ...) array
+        Of the stages in front of the filters, 1 at frequency 0.
+    photons : (channel, wavelength) array
+        Of a white surface, of any scale.
+    moved : sequence of (channel, channel, ...) arrays
+        Of stages one behind the other, see `between`.
+    still : sequence of (channel, channel) arrays
+        The same at frequency 0.
+
+    Returns
+    -------
+    (channel, ...) array
+        1 at frequency 0.
+    """
+    found, level = np.tensordot(photons, bands, 1), photons.sum(axis=1)
+    for one, at_zero in zip(moved, still, strict=True):
+        found, level = np.einsum("cs...,s...->c...", one, found), at_zero @ level
+    scale = np.where(level == 0, 1.0, level)
+    return found / scale.reshape(-1, *[1] * (found.ndim - 1))
+
+
+def weights(stage: Summed, prepared: Any) -> Any:
+    """``stage.weights``: (channel, wavelength), read-only."""
+    name = f"{type(stage).__name__}.weights"
+    with foreign(name):
+        found = np.array(stage.weights(prepared))
+    if found.dtype.kind not in "fiub" or found.ndim != 2:
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, wavelength)")
+    found.flags.writeable = False
+    return found

@@ -1,0 +1,113 @@
+"""What light holds by radial frequency: the sums over rings by which it is judged how much of a blur a scene can show.
+
+In:  planes of light; factors 1 - H of a transfer function at the ends of the rings.
+Out: mean squares and amplitudes by ring; what the factors make of them.
+Sources: Parseval's theorem; the triangle inequality for the largest value.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue.transfer import sampling
+
+FloatArray = NDArray[np.floating]
+
+PER_OCTAVE = 6
+BLOCK = 1 << 19  # values of a transform that are looked at together
+
+
+def ring_edges(size_y: int, size_x: int, step_y: float, step_x: float) -> FloatArray:
+    """Ends of rings of radial frequency, cycles/um: from 0, six to the octave, to the corner of the transform's plane.
+
+    Parameters
+    ----------
+    size_y, size_x : int
+        Samples of the frame.
+    step_y, step_x : float
+        Between samples, um.
+
+    Returns
+    -------
+    (n + 1,) array, rising
+    """
+    corner = 0.5 * math.hypot(1 / step_y, 1 / step_x)
+    lowest = 1 / max(sampling.padded_size(size_y) * step_y, sampling.padded_size(size_x) * step_x)
+    count = max(1, math.ceil(PER_OCTAVE * math.log2(corner / lowest)))
+    return np.concatenate([[0.0], corner * 2.0 ** (-np.arange(count, -1, -1) / PER_OCTAVE)])
+
+
+def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean square and sum of amplitudes of a plane in rings of radial frequency, its mean left out.
+
+    Parameters
+    ----------
+    plane : (y, x) array
+    step_y, step_x : float
+        um
+    edges : (n + 1,) array
+        As ``ring_edges`` gives them.
+
+    Returns
+    -------
+    power, amplitude : (n,) arrays
+        Of the padded plane on which a segment computes, times the padded over the framed area: no more than the sum of ``power``
+        is the mean square over the frame of the plane less its mean, and no point of it is farther from the mean than the sum
+        of ``amplitude``.
+    """
+    ny, nx = plane.shape
+    half = sampling.spectrum(np.ascontiguousarray(plane))
+    half[0, 0] = 0
+    total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
+    twice = np.full(half.shape[1], 2.0)
+    twice[0] = 1.0
+    if total_x % 2 == 0:
+        twice[-1] = 1.0
+    rows = sampling.frequencies(ny, step_y, half=False)
+    columns = sampling.frequencies(nx, step_x, half=True)
+    power, amplitude = np.zeros(edges.size - 1), np.zeros(edges.size - 1)
+    each = max(1, BLOCK // half.shape[1])
+    for start in range(0, half.shape[0], each):
+        part = np.abs(half[start : start + each]) * (1.0 / (total_y * total_x))
+        ring = rings_of(np.hypot(rows[start : start + each, None], columns), edges).ravel()
+        amplitude += np.bincount(ring, (part * twice).ravel(), edges.size - 1)
+        power += np.bincount(ring, (part * part * twice).ravel(), edges.size - 1)
+    return power * (total_y * total_x / (ny * nx)), amplitude
+
+
+def rings_of(radial: FloatArray, edges: FloatArray) -> NDArray[np.intp]:
+    """The ring in which each radial frequency lies."""
+    count = edges.size - 2
+    place = np.ceil(np.log2(np.maximum(radial, 1e-300) / edges[-1]) * PER_OCTAVE + (count - 1e-9))
+    return np.clip(place, 0, count).astype(np.intp)
+
+
+def frequencies_in(edges: FloatArray) -> FloatArray:
+    """(2 n + 1,): the ends of n rings, and the middle of each."""
+    found = np.empty(2 * edges.size - 1)
+    found[::2] = edges
+    found[1::2] = 0.5 * (edges[:-1] + edges[1:])
+    return found
+
+
+def largest_in_rings(values: FloatArray) -> FloatArray:
+    """(..., n): the largest of the values at the ends and in the middle of every ring, from (..., 2 n + 1)."""
+    return np.maximum(np.maximum(values[..., :-2:2], values[..., 2::2]), values[..., 1::2])
+
+
+def moved(distance: float, edges: FloatArray) -> FloatArray:
+    """(ring,): the largest |1 - exp(2 pi i f d)| of light that is moved by no more than a distance, um."""
+    return np.asarray(2 * np.sin(np.pi * np.minimum(edges[1:] * abs(distance), 0.5)))
+
+
+def rms_of(factors: FloatArray, power: FloatArray) -> float:
+    """Root mean square over frame and bands of what is left of light times these factors: (band or 1, ring), (band, ring)."""
+    return float(np.sqrt((np.asarray(factors) ** 2 * power).sum() / power.shape[0]))
+
+
+def largest_of(factors: FloatArray, amplitude: FloatArray) -> float:
+    """No point in any band has more of light times these factors."""
+    return float((np.asarray(factors) * amplitude).sum(axis=1).max())

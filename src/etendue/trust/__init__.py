@@ -1,0 +1,1 @@
+"""Whether an archive comes out again: reproduced, compared, repaired."""

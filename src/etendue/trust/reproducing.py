@@ -1,0 +1,379 @@
+"""Does an archive come out again? Computed from the archive alone, and compared cell by cell while it is computed.
+
+In:  the folder of an archive: its resolved pipeline, inputs by digest, the versions and digests of stages, seeds, platform.
+Out: a ``Reproduction``: by stage how many cells have the same bits, how far the others are, and what that means; what else of the archive
+     does not come out again (``studies.checked``), what is damaged, and what was not checked.
+
+On the same platform (processor features, numpy, scipy, Python) every bit has to agree. On another one a cell may differ by the
+errors that its stage and those in front of it state: their sum, relative to full scale, rms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from etendue.archive import disk, frames
+from etendue.archive.accepting import former_of
+from etendue.archive.again import Recorded, every_record, recorded
+from etendue.archive.comparing import Compared, Comparing, ComparingKeeper
+from etendue.archive.entries import Entry
+from etendue.archive.inputs import sweep_of
+from etendue.archive.journal import Read
+from etendue.archive.keeping import staying
+from etendue.archive.manifest import NAME as MANIFEST
+from etendue.archive.manifest import digest_of
+from etendue.archive.naming import Names, cell_name
+from etendue.archive.owner import is_running
+from etendue.archive.provenance import node_records, platform_record
+from etendue.archive.stored import Stored
+from etendue.archive.verify import Damage, verify
+from etendue.contract.ports import CellReport, Progress, Sheet
+from etendue.contract.registry import installed_stages
+from etendue.errors import ArchiveError, ArchiveInUse, Fault, RequestError
+from etendue.plan.ancestry import ancestry
+from etendue.plan.keys import version_of
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.planner import make_plan
+from etendue.plan.resume import is_of_names, with_stored_values
+from etendue.plan.shown import where_shown
+from etendue.session import Options, execute
+from etendue.trust import checked
+from etendue.trust.checked import NotChecked
+from etendue.trust.remade import Again, column
+from etendue.trust.sayings import Difference
+
+WORST = 20  # cells that are named
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What became of one variable of one cell."""
+
+    stage: str
+    cell: str
+    variable: str
+    found: str  # same | within | beyond | unknown | damaged | failed
+    largest: float | None = None
+    relative: float | None = None
+    allowed: float | None = None
+    why: str = ""
+
+
+@dataclass
+class Reproduction:
+    """What was found.
+
+    Attributes
+    ----------
+    platform : the fields that differ, as (then, now); nothing on the same platform
+    software : by stage what differs from the archive's: its distribution and version, or its code
+    differences : what else it says that does not come out again: coordinates, units, dims, tables, records
+    damages : files that are not as they were written, those of cells aside
+    not_checked : what of it no computing can tell
+    """
+
+    folder: Path
+    record: Mapping[str, Any]
+    platform: dict[str, tuple[Any, Any]]
+    software: list[dict[str, Any]]
+    order: list[str]
+    cells: list[CellResult] = field(default_factory=list)
+    differences: list[Difference] = field(default_factory=list)
+    damages: list[Damage] = field(default_factory=list)
+    not_checked: list[NotChecked] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def verdict(self) -> str:
+        found = {cell.found for cell in self.cells}
+        if self.differences or self.damages:
+            return "not reproduced"
+        if not found:
+            return "nothing to compare"
+        if found == {"same"}:
+            return "the same bits"
+        return "within the stated errors" if found <= {"same", "within"} else "not reproduced"
+
+    @property
+    def reproduced(self) -> bool:
+        return self.verdict in ("the same bits", "within the stated errors")
+
+
+def reproduce(
+    folder: Path, options: Options | None = None, progress: Callable[[Plan], Progress] | None = None, into: Path | None = None
+) -> Reproduction:  # fmt: skip
+    """Compute every finished cell of an archive again and compare. The archive is not changed; ``into``: keep the new one there.
+
+    Raises
+    ------
+    RequestError
+        A stage is not installed, or the recorded pipeline is refused here: every reason.
+    ArchiveError
+        The folder is no archive, or its record or an input is damaged or missing.
+    ArchiveInUse
+        A run is writing to it.
+    """
+    if is_running(folder):
+        raise ArchiveInUse(f"{folder}: a run is writing to it; reproduce it when it has ended")
+    run, state = recorded(folder), _state(folder)
+    _refuse_missing(run)
+    most_cells = options.most_cells if options else None
+    pipeline = run.pipeline(most_cells)
+    stored = Stored(folder)
+    plan = _plan_of(make_plan(pipeline, installed_stages()), stored)
+    was, now = run.record["platform"], platform_record()
+    platform = {name: (was.get(name), value) for name, value in now.items() if was.get(name) != value}
+    found = Reproduction(folder, run.record, platform, software(run, plan), [node.name for node in plan.nodes])
+    names = dict(Names(plan))
+    keys = {ref: cell.key for ref, cell in plan.cells.items()}
+    keys |= former_of(plan, run.record).keys if platform or _libraries(run) else {}
+    stopped = _stopped(stored, names, keys)
+    asked = [name for name in names.values() if name not in stopped and _is_asked(stored.journal, name)]
+    told = progress(plan) if progress else None
+    sheet: Sheet | None = None
+    if into is None:
+        shown = _shown(stored, plan, keys) if not platform else {}
+        keeper = ComparingKeeper(stored, asked, shown, _drawn(stored))
+        found.seconds = execute(plan, None, options, told, keeper).seconds
+        reports, damaged, sheet = keeper.reports, keeper.damaged, _told(keeper.sheet, plan, keys, shown)
+    else:
+        if into.resolve() == folder.resolve():
+            raise ArchiveError(f"--into {into}: that is the archive itself; name another folder")
+        outcome = execute(plan, into, options, told)
+        found.seconds = outcome.seconds
+        reports, damaged = _held_against(stored, Stored(into), asked, {cell_name(plan, r): o for r, o in outcome.reports.items()})
+    refs = {name: ref for ref, name in names.items()}
+    for name in asked:
+        if (entry := stored.journal.entries[name]).event == "done" and (entry.files or name not in reports):
+            found.cells += _judged(plan, refs[name], name, reports.get(name), damaged.get(name, ""), bool(platform))
+    gone = [name for name, entry in stored.finished.items() if name not in refs and entry.files]
+    found.cells += [CellResult(n.split(" ")[0], n, "", "unknown", why="its pipeline has no such cell") for n in gone]
+    _compare_the_rest(found, stored, Again(plan, names, keys, reports, sheet), into is not None, most_cells)
+    if is_running(folder) or _state(folder) != state:
+        raise ArchiveInUse(f"{folder}: a run has begun to write to it meanwhile; reproduce it when it has ended")
+    return found
+
+
+def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: bool, most_cells: int | None) -> None:
+    """What is no cell: metadata, tables, journal, records, description; and every file against what vouches for it."""
+    elsewhere = bool(found.platform)
+    code = any(row["what"] != "distributions" for row in found.software)
+    found.differences = list(
+        dict.fromkeys(
+            [
+                *checked.of_store(stored, again, elsewhere),
+                *checked.of_journal(stored, again, elsewhere, not code),
+                *checked.of_records(stored, elsewhere, again, most_cells),
+                *checked.of_crate(stored, again, bool(found.software)),
+                *_of_code(found, stored, again),
+            ]
+        )
+    )
+    named = {cell.cell for cell in found.cells if cell.found == "damaged"}
+    found.damages = [one for one in verify(found.folder).damages if one.kind != "unfinished" and one.cell not in named]
+    found.not_checked = checked.unchecked(stored, again, elsewhere, code, into)
+
+
+def _of_code(found: Reproduction, stored: Stored, again: Again) -> Iterable[Difference]:
+    """A stage of other code has other keys: one whose keys are those of now has the code of now."""
+    other = {row["stage"]: row for row in found.software if row["what"] == "code"}
+    for ref, name in again.names.items():
+        entry = stored.journal.entries.get(name)
+        if ref[0] in other and entry is not None and entry.event == "done" and entry.key == again.plan.cells[ref].key:
+            row = other.pop(ref[0])
+            yield Difference("runs", f"nodes.{ref[0]}.code", str(row["then"]), f"{row['now']}, of which its keys are made")
+
+
+def _libraries(run: Recorded) -> bool:
+    """Whether a library that the keys name is of another version than then."""
+    return any(version_of(name) != version for name, version in run.record["libraries"].items())
+
+
+def _state(folder: Path) -> tuple[str, str]:
+    return digest_of(folder / "run.id"), digest_of(folder / MANIFEST)
+
+
+def _is_asked(journal: Read, name: str) -> bool:
+    """Whether a cell is computed again: what is finished, and what failed."""
+    entry = journal.entries.get(name)
+    return entry is not None and name not in journal.outdated and entry.event in ("done", "failed")
+
+
+def _stopped(stored: Stored, names: Mapping[CellRef, str], keys: Mapping[CellRef, str]) -> set[str]:
+    """The cells that failed because they were stopped, or their worker died: they need not do so again."""
+    failed = {(ref[0], keys[ref]): name for ref, name in names.items() if _failed(stored.journal.entries.get(name))}
+    columns = [column(stored, f"ledger/{name}") for name in ("stage", "key", "message")] if failed else []
+    if any(one is None for one in columns):
+        return set()
+    rows = zip(*(one.ravel().tolist() for one in columns), strict=False)
+    return {failed[stage, key] for stage, key, message in rows if (stage, key) in failed and "its worker" in message}
+
+
+def _failed(entry: Entry | None) -> bool:
+    return entry is not None and entry.event == "failed"
+
+
+def _shown(stored: Stored, plan: Plan, keys: Mapping[CellRef, str]) -> dict[str, CellRef]:
+    """The cells of the pictures of an archive, one of each stage; nothing where there are none, or of others."""
+    held = frames.attributes({"frames/zarr.json": disk.content_of(stored.folder / "data.zarr/frames/zarr.json") or b"{}"}).get("shown")
+    held = held if isinstance(held, list) and len(held) == len(plan.nodes) else []
+    by_key = {(ref[0], key): ref for ref, key in keys.items()}
+    found = {node.name: by_key.get((node.name, key)) for node, key in zip(plan.nodes, held, strict=False) if isinstance(key, str)}
+    return {} if None in found.values() else {name: ref for name, ref in found.items() if ref is not None}
+
+
+def _drawn(stored: Stored) -> list[tuple[str, str]]:
+    """The stages and variables of which an archive has a picture: of what a run neither computed nor found stored there is none."""
+    stages, variables = (column(stored, f"frames/{name}") for name in ("stage", "variable"))
+    if stages is None or variables is None or stages.shape != variables.shape:
+        return []
+    return [(str(stage).split(".")[0], str(name)) for stage, name in zip(stages.ravel(), variables.ravel(), strict=True)]
+
+
+def _told(sheet: Sheet | None, plan: Plan, keys: Mapping[CellRef, str], shown: Mapping[str, CellRef]) -> Sheet | None:
+    """Pictures with what a run says of them."""
+    if sheet is None or not sheet.table:
+        return None
+    at = where_shown(plan, shown)
+    attrs = {**sheet.table.get("attrs", {}), "shown": [keys[ref] for ref in sheet.shown], "at": at}
+    return replace(sheet, table={**sheet.table, "attrs": attrs}, at=at)
+
+
+def _held_against(
+    stored: Stored, other: Stored, asked: Iterable[str], reports: Mapping[str, CellReport]
+) -> tuple[dict[str, CellReport], dict[str, str]]:
+    """The cells of two archives compared, in the form of the reports of a run."""
+    found, damaged = dict[str, CellReport](), dict[str, str]()
+    for name in asked:
+        report = reports.get(name)
+        if report is None or name not in other.finished:
+            continue
+        try:
+            target, fresh = Comparing(stored.cell(name)), other.cell(name)
+            written = target.write({variable: fresh.read(variable) for variable in target.cell.variables})
+            found[name] = replace(report, status="done", written=written)
+        except ArchiveError as error:
+            damaged[name] = str(error)
+    return found, damaged
+
+
+def _plan_of(plan: Plan, stored: Stored) -> Plan:
+    """The plan over the axis values of all runs, which keeps what is stored."""
+    swapped = any(is_of_names(axis.key) for axis in plan.axes)
+    sweeps = [sweep_of(run.record, stored.folder) for run in every_record(stored.folder)] if swapped else []
+    whole = with_stored_values(plan, stored.journal.axes, sweeps)
+    there = stored.variables() | _laid_out(whole, stored)
+    kept, _, _ = staying(replace(whole, kept=frozenset(there)), stored.journal.said, there)
+    return kept
+
+
+def _laid_out(plan: Plan, stored: Stored) -> set[tuple[str, str]]:
+    """The (stage, variable) pairs that have an array, though none of their cells may have come out."""
+    writes = {node.name: node.writes for node in plan.nodes}
+    pairs = ((group, name) for group, names in stored.journal.blocks.items() for name in names if stored.keeps(group, name))
+    return {(stage, name) for group, name in pairs if name in writes.get(stage := group.split("/")[0], ())}
+
+
+def _refuse_missing(run: Recorded) -> None:
+    """Every stage that is not installed here, with the distribution it was of."""
+    registry, faults = installed_stages(), []
+    for name, node in run.record["nodes"].items():
+        known = node.get("distributions") or [None] * len(node.get("stage", ()))
+        for use, distribution in zip(node.get("stage", ()), known, strict=False):
+            if use not in registry:
+                was = f" of {distribution}" if distribution else ""
+                way = f"; install it: pip install {distribution.replace(' ', '==')}" if distribution else ""
+                faults.append(Fault(f"stage {name}", f"{use!r}{was} is not installed here, and the archive was computed with it{way}"))
+    if faults:
+        raise RequestError(faults)
+
+
+def software(run: Recorded, plan: Plan) -> list[dict[str, Any]]:
+    """What of the stages differs from those the archive was computed with."""
+    rows = []
+    now = node_records(plan)
+    for name, before in run.record["nodes"].items():
+        after = now.get(name)
+        if after is None:
+            continue
+        for what in ("distributions", "code", "versions"):
+            if before.get(what) is not None and before[what] != after[what]:
+                rows.append({"stage": name, "what": what, "then": before[what], "now": after[what]})
+    return rows
+
+
+def _judged(plan: Plan, ref: CellRef, name: str, report: CellReport | None, damage: str, elsewhere: bool) -> Iterable[CellResult]:
+    """What a cell's comparison means."""
+    stage = ref[0]
+    if damage:
+        yield CellResult(stage, name, "", "damaged", why=damage)
+    elif report is None or report.status in ("failed", "skipped"):
+        yield CellResult(stage, name, "", "failed", why=report.message if report else "it was not computed")
+    else:
+        allowed = _allowed(plan, ref) if elsewhere and not all(_is_same(one) for one in report.written) else None
+        for one in report.written:
+            if isinstance(one, Compared):
+                yield judged(stage, name, one, allowed, elsewhere)
+
+
+def _is_same(one: Any) -> bool:
+    return isinstance(one, Compared) and one.difference is not None and one.difference.same
+
+
+def judged(stage: str, name: str, one: Compared, allowed: float | None, elsewhere: bool) -> CellResult:
+    """What the difference of one variable means: bits on the same platform, stated errors ``elsewhere``."""
+    found = one.difference
+    if found is None:
+        return CellResult(stage, name, one.path, "damaged", why=one.damage)
+    if found.same:
+        return CellResult(stage, name, one.path, "same", 0.0, 0.0)
+    told = (stage, name, one.path)
+    if found.shapes:
+        return CellResult(*told, "beyond", why=f"shape or type: {found.shapes}")
+    if found.undefined:
+        return CellResult(*told, "beyond", found.largest, None, allowed, f"{found.undefined} values are undefined in one alone")
+    if not elsewhere:
+        return CellResult(*told, "beyond", found.largest, found.relative, None, "on the same platform every bit has to agree")
+    if allowed is None:
+        return CellResult(*told, "unknown", found.largest, found.relative, None, "it, or a stage in front of it, states no error")
+    inside = found.relative is not None and found.relative <= allowed
+    return CellResult(*told, "within" if inside else "beyond", found.largest, found.relative, allowed)
+
+
+def _allowed(plan: Plan, ref: CellRef) -> float | None:
+    """The errors stated by a cell and by all that it depends on, together; None where one states none."""
+    stated = [plan.cells[one].error[0] for one in ancestry(plan, [ref])]
+    return None if None in stated else sum(error for error in stated if error is not None)
+
+
+def document(found: Reproduction) -> dict[str, Any]:
+    """As ``--json`` says it."""
+    return {
+        "archive": str(found.folder),
+        "pipeline": found.record["pipeline"],
+        "began": found.record["began"],
+        "verdict": found.verdict,
+        "reproduced": found.reproduced,
+        "platform": {"same": not found.platform, "differs": {k: {"then": a, "now": b} for k, (a, b) in found.platform.items()}},
+        "software": found.software,
+        "compared": len(found.cells),
+        "stages": [_stage(name, own) for name in found.order if (own := [c for c in found.cells if c.stage == name])],
+        "not_the_same": [vars(cell) for cell in found.cells if cell.found != "same"][:WORST],
+        "differences": [{"file": one.file, "where": one.where, "says": one.says, "is": one.is_} for one in found.differences],
+        "damages": [{name: value or None for name, value in vars(damage).items()} for damage in found.damages],
+        "not_checked": [{"what": one.what, "why": one.why} for one in found.not_checked],
+        "seconds": found.seconds,
+    }
+
+
+def _stage(name: str, own: list[CellResult]) -> dict[str, Any]:
+    counts = {kind: sum(cell.found == kind for cell in own) for kind in ("same", "within", "beyond", "unknown", "damaged", "failed")}
+    return {
+        "name": name, "compared": len(own), **counts,
+        "largest": max((c.largest for c in own if c.largest is not None), default=None),
+        "relative": max((c.relative for c in own if c.relative is not None), default=None),
+        "allowed": min((c.allowed for c in own if c.allowed is not None), default=None),
+    }  # fmt: skip

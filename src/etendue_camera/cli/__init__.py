@@ -1,0 +1,1 @@
+"""Commands that a camera brings: sensors, raw exports, spectral cubes."""

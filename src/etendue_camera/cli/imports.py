@@ -1,0 +1,87 @@
+"""Commands that take files of other programs in: ``import``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from etendue.cli.saying import command
+
+
+@command("import")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr, here.")
+@click.option("--variable", default="", metavar="NAME", help="The array in the file, where there are several.")
+@click.option("--axes", default="", metavar="ORDER", help="Of the file, where it is not known: w, y and x, such as yxw.")
+@click.option("--wavelengths", metavar="NM", help="Centres of bands: 400:700:10, 450,550,650, or a file with one a line.")
+@click.option(
+    "--level",
+    default="",
+    metavar="WORD",
+    help="What the values are: radiance, photons, relative (reflectance: 1 = white in every band), or a unit of radiance.",
+)
+@click.option("--scale", type=click.FloatRange(0, min_open=True), metavar="FACTOR", help="Of the values.")
+@click.option(
+    "--spacing",
+    type=click.FloatRange(0, min_open=True),
+    metavar="UM",
+    help="Between samples on the sensor, which gives the size there; a pipeline may say it.",
+)
+@click.option("--white-at", metavar="Y,X[,SIZE]", help="Where a white patch is, in pixels; relative values are divided by it.")
+@click.option("--white-reflectance", type=click.FloatRange(0, 2, min_open=True), default=1.0, show_default=True, help="Of that patch.")
+@click.option("--clip", is_flag=True, help="What is below 0, as noise makes it, is 0.")
+def take(
+    file: Path, output: Path | None, variable: str, axes: str, wavelengths: str | None, level: str, scale: float | None,
+    spacing: float | None, white_at: str | None, white_reflectance: float, clip: bool,
+) -> None:  # fmt: skip
+    """A spectral cube of another program as a scene: .npy, .npz, .mat (ISETCam), HDF5, ENVI, OpenEXR, TIFF.
+
+    Writes the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance (1 = white), which the
+    pipeline's illuminant lights at white_luminance. Prints what the values are, the size on the sensor, and the lines of a pipeline.
+    """
+    import numpy as np
+
+    from etendue.errors import RequestError
+    from etendue_camera.importing.cube import RADIANCE, TOO_WHITE, as_light, in_order, read_cube, wavelengths_of
+    from etendue_camera.importing.store import level_told, relative_to, size_told, write_store
+    from etendue_camera.importing.store import white_at as white_of
+
+    cube = in_order(read_cube(file, variable), axes)
+    if wavelengths is not None:
+        cube = replace(cube, wavelength=wavelengths_of(wavelengths))
+    if clip:
+        cube = replace(cube, values=np.maximum(cube.values, 0))
+    if scale is not None:
+        cube = replace(cube, values=cube.values * np.asarray(scale, np.result_type(cube.values.dtype, np.float32)))
+    cube, unit = as_light(replace(cube, level=level or cube.level), str(file))
+    if white_at is not None:
+        try:
+            y, x, *size = (int(one) for one in white_at.split(","))
+        except ValueError:
+            raise RequestError(f"--white-at {white_at}: expected a row, a column and, if you like, a size, in pixels") from None
+        white = white_of(cube, y, x, size[0] if size else 5, white_reflectance)
+        cube = replace(cube, white=white) if unit == RADIANCE else relative_to(cube, white, str(file))
+    highest = float(cube.values.max())
+    if unit != RADIANCE and highest > TOO_WHITE:
+        click.echo(
+            f"note: 1 is white, and values go up to {highest:.4g}: --scale, or --white-at a white patch, makes a reflectance", err=True
+        )
+    place = output or Path(f"{file.stem}.zarr")
+    write_store(cube, unit, place, spacing, file.name)
+    for text in cube.told:
+        click.echo(f"note: {text}", err=True)
+    bands, rows, columns = cube.values.shape
+    click.echo(
+        f"{place}: {bands} bands of {cube.wavelength[0]:g} to {cube.wavelength[-1]:g} nm, {columns} x {rows} samples (width x height)"
+    )
+    click.echo(f"{level_told(cube, unit)}\n{size_told(cube, spacing)}")
+    words = ['use = "radiance_cube"', 'name = "scene"', f'file = "{place}"']
+    if unit != RADIANCE:
+        words.append('white_luminance = "1000 cd m-2"')
+    elif cube.white is None:
+        words.append('# white_luminance = "1000 cd m-2"   # would take the values for reflectance: import with --white-at instead')
+    if spacing is None:
+        words.append('spacing = "2 um"')
+    click.echo("in a pipeline:\n[[stages]]\n" + "\n".join(words))

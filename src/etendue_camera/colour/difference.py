@@ -1,0 +1,119 @@
+"""How different two colours look: CIELAB and CIEDE2000.
+
+In:  XYZ and its white; or two sets of L*a*b*; colour along the first axis.
+Out: L*a*b*; colour difference, about 1 where just visible.
+Sources: CIE 15:2018 (CIELAB); CIE 142:2001 and Sharma, Wu, Dalal 2005 (CIEDE2000).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
+
+
+def lab(xyz: ArrayLike, white_xyz: ArrayLike) -> NDArray:
+    """CIE 1976 L*a*b*.
+
+    Parameters
+    ----------
+    xyz : (3, ...) array
+        Linear; negative values continue on the linear toe.
+    white_xyz : (3,) array
+        XYZ of white in the same scale, above 0.
+
+    Returns
+    -------
+    (3, ...) array, dtype of xyz (integers become float64)
+        L* from 0 to 100 at white, a*, b*.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit or the white is not above 0.
+
+    Notes
+    -----
+    Source: CIE 15:2018 with the exact break (6/29)^3. Written without the constant 4/29, which L* = 116 f -
+    16 would only take away again at the cost of all digits in the dark (relative error 4e-9 at Y = 1e-9).
+    Error: below 5e-16 of the largest term (reference group lab).
+    """
+    xyz = _triples("xyz", xyz)
+    white = np.asarray(white_xyz, np.float64)
+    if white.shape != (3,) or not np.all(white > 0):
+        raise ValueError(f"white_xyz is {white!r}; allowed are three numbers above 0")
+    ratio = xyz / white.astype(xyz.dtype).reshape(3, *[1] * (xyz.ndim - 1))
+    x, y, z = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio) - 4 / 29, ratio * (841 / 108))
+    return np.stack([116 * y, 500 * (x - y), 200 * (y - z)])
+
+
+def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> NDArray:
+    """CIEDE2000 colour difference with kL = kC = kH = 1.
+
+    Parameters
+    ----------
+    lab1, lab2 : (3, ...) array
+        L*, a*, b*; the shapes broadcast.
+
+    Returns
+    -------
+    (...) array, dimensionless
+        0 for equal colours, the same both ways. Jumps where hues are opposite: that is
+        in the standard.
+
+    Raises
+    ------
+    ValueError
+        If the first axis is not 3.
+
+    Notes
+    -----
+    Source: Sharma, Wu, Dalal 2005, eqs. 2-22. Differences of chroma and hue are taken from those of a* and b*, which keeps the digits
+    of colours that nearly agree, also on either side of 0 degrees. Error: below 1e-15 x condition (reference group de2000), and 4e-16
+    for pairs 1e-12 to 1 apart (40 against 60 digits); angles subtracted left 1e-3 of a difference of 1e-12.
+    """
+    (l1, a1, b1), (l2, a2, b2) = _triples("lab1", lab1), _triples("lab2", lab2)
+    stretch = 1.5 - 0.5 * _chroma_weight((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)
+    along_a, along_b = (a2 - a1) * stretch, b2 - b1  # differences first: those of products and of angles cancel
+    a1, a2 = a1 * stretch, a2 * stretch
+    c1, c2 = np.hypot(a1, b1), np.hypot(a2, b2)
+    both = c1 + c2
+    d_chroma = (along_a * (a1 + a2) + along_b * (b1 + b2)) / np.where(both == 0, 1, both)
+    hue1, hue2 = np.degrees(np.arctan2(b1, a1)) % 360, np.degrees(np.arctan2(b2, a2)) % 360
+    grey = c1 * c2 == 0
+
+    turn = hue2 - hue1
+    turn = np.where(turn > 180, turn - 360, np.where(turn < -180, turn + 360, turn))
+    # beside one another, and on either side of 0 degrees: from the cross product, whose two terms are small
+    beside = np.degrees(np.arctan2(a1 * along_b - b1 * along_a, a1 * a2 + b1 * b2))
+    turn = np.where(np.abs(turn) < 90, beside, turn)
+    turn = np.where(grey, 0, turn)
+    total = hue1 + hue2
+    far = np.abs(hue1 - hue2) > 180
+    hue = np.where(far, np.where(total < 360, total + 360, total - 360), total) / 2
+    hue = np.where(grey, total, hue)
+
+    lightness, chroma = (l1 + l2) / 2 - 50, (c1 + c2) / 2
+    t = 1 - 0.17 * _cos(hue - 30) + 0.24 * _cos(2 * hue)
+    t = t + 0.32 * _cos(3 * hue + 6) - 0.20 * _cos(4 * hue - 63)
+    d_l = (l2 - l1) / (1 + 0.015 * lightness**2 / np.sqrt(20 + lightness**2))
+    d_c = d_chroma / (1 + 0.045 * chroma)
+    d_h = 2 * np.sqrt(c1 * c2) * np.sin(np.radians(turn / 2)) / (1 + 0.015 * chroma * t)
+    rotation = -2 * np.sin(np.radians(60 * np.exp(-(((hue - 275) / 25) ** 2)))) * _chroma_weight(chroma)
+    return np.sqrt(d_l**2 + d_c**2 + d_h**2 + rotation * d_c * d_h)
+
+
+def _chroma_weight(chroma: NDArray) -> NDArray:
+    """sqrt(C^7 / (C^7 + 25^7)): 0 for greys, 1 for strong colours."""
+    power = (chroma / 25) ** 7
+    return np.sqrt(power / (1 + power))
+
+
+def _cos(degrees: NDArray) -> NDArray:
+    return np.cos(np.radians(degrees))
+
+
+def _triples(name: str, values: ArrayLike) -> NDArray:
+    array = np.asarray(values)
+    if array.ndim < 1 or array.shape[0] != 3:
+        raise ValueError(f"{name} has shape {array.shape}; allowed is (3, ...), colour along the first axis")
+    return require.floating(array)

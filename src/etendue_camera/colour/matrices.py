@@ -1,0 +1,260 @@
+"""Linear colour: matrices between spaces, adaptation to a white, and fitted camera matrices.
+
+In:  chromaticities, white points (XYZ), planes (3, y, x) of linear values, sample and target triples.
+Out: 3 x 3 matrices and planes in the other space.
+Sources: SMPTE RP 177 (matrix from primaries); von Kries with the cone matrices named at `TRANSFORMS`; seed
+paper eqs. 14 and 16. All of it is for linear values: encodings are in `transfer.py`.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
+
+Matrix = NDArray[np.float64]
+
+D65_XY = (0.3127, 0.3290)
+PAL_PRIMARIES_XY = ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06))  # ITU-R BT.470-6 system B, G (625 lines), EBU
+SRGB_PRIMARIES_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))  # IEC 61966-2-1 and ITU-R BT.709
+LEAST_SPAN = 1e-7  # of the samples' size: channels that differ by less are alike
+
+
+class MatrixFit(NamedTuple):
+    """A fitted matrix, how far its targets were missed (rms, their unit), its condition, and how many directions it knows nothing of."""
+
+    matrix: Matrix
+    residual: float
+    condition: float
+    undetermined: int = 0
+
+
+def rgb_to_xyz_matrix(primaries_xy: Sequence[tuple[float, float]], white_xy: tuple[float, float]) -> Matrix:
+    """Matrix that takes linear RGB of a display to XYZ, with Y = 1 for its white.
+
+    Parameters
+    ----------
+    primaries_xy : three (x, y)
+        Chromaticities of red, green, blue, not on one line; each y not 0.
+    white_xy : (x, y)
+        Chromaticity of R = G = B = 1; y not 0.
+
+    Returns
+    -------
+    (3, 3) array
+
+    Raises
+    ------
+    ValueError
+        If a y is 0 or the primaries lie on one line.
+
+    Notes
+    -----
+    Source: SMPTE RP 177. Error: below 2e-15 relative per element (BT.470 and BT.709 against 60-digit
+    arithmetic).
+    """
+    primaries = np.stack([xyz_from_xy(xy) for xy in primaries_xy], axis=1)
+    if primaries.shape != (3, 3) or np.linalg.cond(primaries) > 1e12:
+        raise ValueError(f"primaries_xy is {primaries_xy!r}; allowed are three chromaticities not on one line")
+    return primaries * np.linalg.solve(primaries, xyz_from_xy(white_xy))
+
+
+def xyz_from_xy(xy: tuple[float, float]) -> NDArray:
+    """XYZ of a chromaticity at Y = 1, shape (3,); ValueError where y is 0."""
+    x, y = xy
+    if not abs(y) > 0:
+        raise ValueError(f"chromaticity is {xy!r}; allowed is y other than 0")
+    return np.array([x / y, 1.0, (1 - x - y) / y])
+
+
+def von_kries_matrix(source_white_xyz: ArrayLike, target_white_xyz: ArrayLike, transform: ArrayLike) -> Matrix:
+    """Matrix on XYZ that turns one white into another by three gains on cone responses.
+
+    Parameters
+    ----------
+    source_white_xyz, target_white_xyz : (3,) array
+        XYZ of the scene's white and of the display's, same scale.
+    transform : (3, 3) array
+        XYZ to cone responses; see `TRANSFORMS`.
+
+    Returns
+    -------
+    (3, 3) array
+        M^-1 diag(target / source) M; the identity for equal whites.
+
+    Raises
+    ------
+    ValueError
+        If a cone response of a white is below 1e-9 of the largest one, or the transform is singular: the gain
+        would be infinite, negative or 0, and a picture of infinities or of two colours would come out.
+
+    Notes
+    -----
+    Source: von Kries; seed paper section 3.1, gains between M and M^-1 rather than on RGB. Error: below 4e-16
+    of the largest element and 6e-15 of each (Bradford, CAT02, von Kries; D65 to D50, A to D65).
+    """
+    cones = np.asarray(transform, np.float64)
+    if cones.shape != (3, 3) or not np.linalg.cond(cones) < 1e12:
+        raise ValueError(f"transform is {cones.tolist()!r}; allowed is an invertible 3 x 3 matrix, XYZ to cones")
+    source = _cone_responses("source_white_xyz", source_white_xyz, cones)
+    target = _cone_responses("target_white_xyz", target_white_xyz, cones)
+    return np.linalg.solve(cones, (target / source)[:, None] * cones)
+
+
+def apply_matrix(matrix: ArrayLike, planes: NDArray) -> NDArray:
+    """A matrix on every pixel's triple.
+
+    Parameters
+    ----------
+    matrix : (n, k) array
+    planes : (k, ...) array, any unit
+        Usually (3, y, x).
+
+    Returns
+    -------
+    (n, ...) array, dtype of planes (integers become float64)
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit.
+
+    Notes
+    -----
+    Sums run over k in order, pixel by pixel: unlike a BLAS product the bits of a pixel do not depend on its
+    neighbours or on how the picture is cut. Error: k roundings of the largest term.
+    """
+    planes = np.asarray(planes)
+    if not np.issubdtype(planes.dtype, np.floating):
+        planes = planes.astype(np.float64)
+    weights = np.asarray(matrix).astype(planes.dtype)
+    if weights.ndim != 2 or planes.ndim < 1 or planes.shape[0] != weights.shape[1]:
+        raise ValueError(f"matrix has shape {weights.shape} and planes {planes.shape}; allowed are (n, k) and (k, ...)")
+    result = np.empty((len(weights), *planes.shape[1:]), planes.dtype)
+    for row, out in enumerate(weights):
+        total = out[0] * planes[0]
+        for weight, plane in zip(out[1:], planes[1:], strict=True):
+            total += weight * plane
+        result[row] = total
+    return result
+
+
+def fit_matrix(
+    samples: ArrayLike,
+    targets: ArrayLike,
+    white_sample: ArrayLike | None = None,
+    white_target: ArrayLike | None = None,
+    ridge: float = 0.0,
+    least: bool = False,
+) -> MatrixFit:
+    """Matrix that takes camera triples closest to their targets, in the least-squares sense.
+
+    Parameters
+    ----------
+    samples : (n, k) array
+        Camera values of n patches in k channels, usually three; at least k independent ones (k - 1, if a white is given).
+    targets : (n, 3) array
+        What they should become, for example XYZ.
+    white_sample : (k,) array
+    white_target : (3,) array
+        Both or neither. If given, the white sample becomes exactly the white target, and the fit has the other freedoms.
+    ridge : float, samples squared
+        At or above 0: weight of the squared free elements beside the mean squared error. Overlapping filters make a
+        matrix of large elements of both signs, which cancels colours well and multiplies noise; this makes them smaller.
+    least : bool
+        What becomes of directions that the samples leave undetermined: they are given nothing (the smallest matrix that fits), or refused.
+
+    Returns
+    -------
+    matrix : (3, k) array
+        target = matrix @ sample.
+    residual : float, unit of targets
+        Root of the mean squared error over n patches and three components.
+    condition : float
+        Of the matrix (2-norm): how much it can amplify relative noise. Overlapping filters make it large.
+    undetermined : int
+        Directions of the channels that the samples say nothing of; 0 unless ``least``.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, values are not finite, a white is missing or black, or, unless ``least``, the samples leave the
+        matrix undetermined: they differ by less than 1e-7 of their size along some direction that the white leaves free.
+        Elements would be 1e7 and more, and pictures in single precision, rounded to 6e-8, would have the colours of their rounding.
+
+    Notes
+    -----
+    The white is kept by solving in the plane orthogonal to it (null-space method): exact to rounding, where a
+    heavy weight would cost half the digits.
+    """
+    samples, targets = np.asarray(samples, np.float64), np.asarray(targets, np.float64)
+    if samples.ndim != 2 or targets.ndim != 2 or len(samples) != len(targets) or samples.shape[1] < 1 or targets.shape[1] != 3:
+        raise ValueError(f"samples has shape {samples.shape} and targets {targets.shape}; allowed is (n, k) and (n, 3)")
+    if (white_sample is None) != (white_target is None):
+        raise ValueError("white_sample and white_target: one is missing; allowed are both or neither")
+    if not (np.isfinite(samples).all() and np.isfinite(targets).all()):
+        raise ValueError("samples or targets hold NaN or infinity; allowed are finite numbers")
+    channels = samples.shape[1]
+    fixed, free = np.zeros((channels, 3)), np.eye(channels)
+    if white_sample is not None:
+        white, wanted = np.asarray(white_sample, np.float64), np.asarray(white_target, np.float64)
+        fit_in = white.shape == (channels,) and wanted.shape == (3,) and np.isfinite(white).all() and np.isfinite(wanted).all()
+        if not (fit_in and white.any()):
+            raise ValueError(f"white_sample is {white}, white_target {wanted}; allowed are finite triples, not black")
+        fixed = np.outer(white, wanted) / (white @ white)
+        free = np.linalg.svd(white[None, :])[2][1:].T
+    freedoms = free.shape[1]
+    require.amount("ridge", ridge)
+    design, wanted_rest = samples @ free, targets - samples @ fixed
+    if ridge > 0:
+        design = np.concatenate([design, np.sqrt(ridge * len(samples)) * np.eye(freedoms)])
+        wanted_rest = np.concatenate([wanted_rest, np.zeros((freedoms, 3))])
+    # Channels that are alike leave differences of rounding alone, of full rank among themselves: the samples' own size is the measure.
+    left, sizes, right = np.linalg.svd(design, full_matrices=False)
+    known = sizes > LEAST_SPAN * np.linalg.norm(samples, 2)
+    rank = int(np.count_nonzero(known))
+    if rank == freedoms:
+        steps = np.linalg.lstsq(design, wanted_rest, rcond=1e-12)[0]
+    elif least:
+        steps = right[known].T @ ((left[:, known].T @ wanted_rest) / sizes[known, None])
+    else:
+        raise ValueError(f"samples span {rank} of {freedoms} free dimensions; allowed are patches that span them all")
+    transposed = fixed + free @ steps
+    residual = np.sqrt(np.mean((samples @ transposed - targets) ** 2))
+    return MatrixFit(transposed.T.copy(), float(residual), float(np.linalg.cond(transposed)), freedoms - rank)
+
+
+def _cone_responses(name: str, white: ArrayLike, cones: Matrix) -> NDArray:
+    white = np.asarray(white, np.float64)
+    if white.shape != (3,):
+        raise ValueError(f"{name} has shape {white.shape}; allowed is (3,), XYZ")
+    responses = cones @ white
+    if not (np.isfinite(responses).all() and responses.min() > 1e-9 * responses.max()):
+        raise ValueError(
+            f"{name} is {white.tolist()}, with cone responses {responses.tolist()}; allowed are whites that "
+            "excite all three cones, each at least 1e-9 of the largest"
+        )
+    return responses
+
+
+def _constant(rows: ArrayLike) -> Matrix:
+    matrix = np.array(rows, np.float64)
+    matrix.setflags(write=False)
+    return matrix
+
+
+TRANSFORMS = {
+    "bradford": _constant([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]),
+    "cat02": _constant([[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]]),
+    "cat16": _constant([[0.401288, 0.650173, -0.051461], [-0.250268, 1.204414, 0.045854], [-0.002079, 0.048952, 0.953127]]),
+    "von_kries_hpe_d65": _constant([[0.40024, 0.70760, -0.08081], [-0.22630, 1.16532, 0.04570], [0.0, 0.0, 0.91822]]),
+}
+"""XYZ to cone responses: Lam 1985 (ICC), CIECAM02, CAM16, and Hunt-Pointer-Estevez normalised to D65."""
+
+RGB_TO_XYZ_PAL = _constant(rgb_to_xyz_matrix(PAL_PRIMARIES_XY, D65_XY))
+RGB_TO_XYZ_SRGB = _constant(rgb_to_xyz_matrix(SRGB_PRIMARIES_XY, D65_XY))
+EQ16_AS_PRINTED = _constant([[0.431, 0.342, 0.178], [0.222, 0.707, 0.071], [0.229, 0.130, 0.939]])
+"""Seed paper eq. 16. Its 0.229 is a misprint that turns white into a strong blue (Z 1.298 for 1.089)."""
+EQ16_CORRECTED = _constant([[0.431, 0.342, 0.178], [0.222, 0.707, 0.071], [0.020, 0.130, 0.939]])

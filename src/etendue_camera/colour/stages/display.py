@@ -1,0 +1,258 @@
+"""The display: tristimulus values to its primaries, cone responses and back, encoding and decoding.
+
+In:  ``xyz_scene``.
+Out: ``rgb_linear``, ``lms``, ``xyz_display``, ``rgb_display``; a variable's name says its colour state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import RGB, XYZ, Displaying, Grid, Haloed, Labels, measured, param
+from etendue_camera import spectra
+from etendue_camera.colour import encoding as transfer
+from etendue_camera.colour import matrices
+from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
+
+LMS = Labels(("L", "M", "S"))
+BEYOND = 1e-5  # of full scale: what 32 bits leave of a value at the end of the range
+PRINTED = {"eq16_corrected_3digit": matrices.EQ16_CORRECTED, "eq16_as_printed": matrices.EQ16_AS_PRINTED}
+OWN = {"ebu": matrices.RGB_TO_XYZ_PAL, "sRGB": matrices.RGB_TO_XYZ_SRGB}
+
+
+def space_to_xyz(name: str) -> Any:
+    """Linear RGB of a named space to XYZ, full precision: from its primaries and its white."""
+    if name in OWN:
+        return OWN[name]
+    primaries, white = spectra.rgb_space_primaries(name)
+    if all(y for _, y in primaries):
+        return matrices.rgb_to_xyz_matrix(primaries, white)
+    return spectra.rgb_space_matrix(name)[0]  # XYZ itself as a space: its primaries have no luminance
+
+
+def primaries_to_xyz(display: str) -> Any:
+    """Linear RGB of a display to XYZ, Y = 1 for its white: from its spectra where they are measured, else from those of its space."""
+    if display not in MEASURED:
+        return space_to_xyz(display)
+    found = spectra.colour_matching(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
+    return found / found[1].sum()
+
+
+def is_display(name: Any) -> bool:
+    """Whether a name is that of a measured display or of an RGB space."""
+    return name in (*MEASURED, *OWN) or name in spectra.rgb_space_names()
+
+
+def primaries_to_cones(display: str) -> Any:
+    """Linear RGB to cone responses, white (1, 1, 1) to (1, 1, 1): primaries x cone fundamentals (section 3.2 of the paper).
+
+    For an RGB space, which has no spectra: its XYZ, and the cone responses fitted to the colour-matching functions.
+    """
+    if display in MEASURED:
+        found = spectra.cone_fundamentals(TABLE_EDGES).T @ spectra.display_primaries(display, TABLE_EDGES)
+    else:
+        found = spectra.xyz_to_lms_matrix(TABLE_EDGES) @ space_to_xyz(display)
+    return found / found.sum(axis=1)[:, None]
+
+
+def check_display(name: str) -> None:
+    """Refuse what is neither a measured display nor an RGB space."""
+    spectra.check_rgb_space(name, MEASURED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Display(Displaying, Haloed):
+    """Tristimulus values to linear display primaries: the inverse of primaries x cones (section 3.2 of the paper).
+
+    An RGB space has no spectra: there it is the inverse of the matrix of its primaries and white.
+    """
+
+    role: ClassVar = "display primaries"
+    reads: ClassVar = {"xyz_scene": "channel y x [1]"}
+    writes: ClassVar = {"rgb_linear": "channel y x [1]"}
+    creates: ClassVar = {"channel": RGB}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.7
+    libraries: ClassVar = ("colour-science",)
+    error: ClassVar = measured(2e-6, 5e-15)
+
+    display: str = param(
+        "sRGB", doc="Apple Studio Display, Typical CRT Brainard 1997 (measured spectra), or an RGB space of colour-science"
+    )
+
+    def __post_init__(self) -> None:
+        check_display(self.display)
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the display": self.display, "the white of the display": white_name(self.display)}
+
+    def to_xyz(self) -> Any:
+        return primaries_to_xyz(self.display)
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"rgb_linear": inputs["xyz_scene"].replace(channel=RGB)}
+
+    def prepare(self, coordinates: Any) -> Any:
+        if self.display not in MEASURED:
+            return np.linalg.inv(space_to_xyz(self.display))
+        # The cones are no exact mixture of the colour-matching functions: rows are scaled so that white stays white.
+        fitted = spectra.xyz_to_lms_matrix(TABLE_EDGES)
+        fitted = fitted / (fitted @ white_of(self.display))[:, None]
+        return np.linalg.solve(primaries_to_cones(self.display), fitted)
+
+    def run(self, xyz_scene: Any, prepared: Any) -> dict[str, Any]:
+        return {"rgb_linear": matrices.apply_matrix(prepared, xyz_scene)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Cones(Haloed):
+    """Between a display's primaries and the cones of who looks at it; the display's white excites all three by 1."""
+
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    libraries: ClassVar = ("colour-science",)
+    error: ClassVar = measured(2e-6, 5e-15)
+
+    display: str = param("sRGB", doc="as of display: measured spectra x cone fundamentals; of an RGB space, cones fitted to XYZ")
+
+    def __post_init__(self) -> None:
+        check_display(self.display)
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the display": self.display}
+
+    def prepare(self, coordinates: Any) -> Any:
+        return primaries_to_cones(self.display)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToCones(_Cones):
+    """Linear display primaries to cone responses: primaries x cone fundamentals (section 3.2 of the paper)."""
+
+    role: ClassVar = "cones"
+    reads: ClassVar = {"rgb_linear": "channel y x [1]"}
+    writes: ClassVar = {"lms": "channel y x [1]"}
+    creates: ClassVar = {"channel": LMS}
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"lms": inputs["rgb_linear"].replace(channel=LMS)}
+
+    def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
+        return {"lms": matrices.apply_matrix(prepared, rgb_linear)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromCones(_Cones, Displaying):
+    """Cone responses to linear display primaries: the inverse of ``to_cones``."""
+
+    role: ClassVar = "cones"
+    reads: ClassVar = {"lms": "channel y x [1]"}
+    writes: ClassVar = {"rgb_linear": "channel y x [1]"}
+    creates: ClassVar = {"channel": RGB}
+
+    def to_xyz(self) -> Any:
+        return primaries_to_xyz(self.display)
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"rgb_linear": inputs["lms"].replace(channel=RGB)}
+
+    def run(self, lms: Any, prepared: Any) -> dict[str, Any]:
+        return {"rgb_linear": matrices.apply_matrix(np.linalg.inv(prepared), lms)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToXyz(Haloed):
+    """Linear RGB of the display to XYZ: of an RGB space, or by eq. 16 (EBU primaries) in full precision or as printed."""
+
+    role: ClassVar = "tristimulus"
+    reads: ClassVar = {"rgb_linear": "channel y x [1]"}
+    writes: ClassVar = {"xyz_display": "channel y x [1]"}
+    creates: ClassVar = {"channel": XYZ}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.7
+
+    libraries: ClassVar = ("colour-science",)
+    error: ClassVar[Any] = measured(1e-6, 1e-15)
+
+    matrix: str = param("sRGB", doc="of the display, as of stage display; ebu (eq. 16), eq16_corrected_3digit, eq16_as_printed")
+
+    def __post_init__(self) -> None:
+        spectra.check_rgb_space(self.matrix, (*PRINTED, "ebu", *MEASURED))
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the display": "ebu" if self.matrix in PRINTED else self.matrix}
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        return {"xyz_display": inputs["rgb_linear"].replace(channel=XYZ)}
+
+    def prepare(self, coordinates: Any) -> Any:
+        return PRINTED[self.matrix] if self.matrix in PRINTED else primaries_to_xyz(self.matrix)
+
+    def run(self, rgb_linear: Any, prepared: Any) -> dict[str, Any]:
+        return {"xyz_display": matrices.apply_matrix(prepared, rgb_linear)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Encoding(Haloed):
+    """One of the encodings of a display."""
+
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 15.0
+    error: ClassVar[Any] = measured(1e-6, 1e-15)
+
+    encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"))
+    exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power' (eq. 15)")
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the encoding": ("power", self.exponent) if self.encoding == "power" else self.encoding}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Encode(_Encoding):
+    """Gamma: linear display values to encoded ones, clipped to the display's range; what was clipped is counted, but for rounding: white
+    that is clipped in the camera stands at 1 up to the last bits, on either side."""
+
+    role: ClassVar = "display encoding"
+    working: ClassVar = 2.3
+    reads: ClassVar = {"rgb_linear": "channel y x [1]"}
+    writes: ClassVar = {"rgb_display": "channel y x [1]", "gamut_clipped": "[1]"}
+    keeps: ClassVar = ("order",)
+
+    def run(self, rgb_linear: Any) -> dict[str, Any]:
+        kind = rgb_linear.dtype.type
+        inside = np.clip(rgb_linear, kind(0), kind(1))
+        outside = np.count_nonzero(np.abs(rgb_linear - inside) > BEYOND) / max(rgb_linear.size, 1)
+        if self.encoding == "power":
+            encoded = transfer.gamma_signed(inside, self.exponent)
+        else:
+            encoded = (transfer.srgb_encode if self.encoding == "sRGB" else transfer.bt709_encode)(inside)
+        return {"rgb_display": encoded, "gamut_clipped": np.array(outside)}
+
+    def joined(self, parts: Any, sizes: Any) -> dict[str, Any]:
+        """The share of all values, from whole numbers of them."""
+        clipped = sum(round(float(share) * size) for share, size in zip(parts["gamut_clipped"], sizes, strict=True))
+        return {"gamut_clipped": np.array(clipped / max(sum(sizes), 1))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decode(_Encoding):
+    """Encoded display values back to linear ones: what ``encode`` clipped stays clipped."""
+
+    role: ClassVar = "display decoding"
+    reads: ClassVar = {"rgb_display": "channel y x [1]"}
+    writes: ClassVar = {"rgb_linear": "channel y x [1]"}
+    keeps: ClassVar = ("order",)
+
+    def run(self, rgb_display: Any) -> dict[str, Any]:
+        if self.encoding == "power":
+            return {"rgb_linear": transfer.gamma_signed(rgb_display, 1 / self.exponent)}
+        return {"rgb_linear": (transfer.srgb_decode if self.encoding == "sRGB" else transfer.bt709_decode)(rgb_display)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        steep = max(1.0, 1 / self.exponent) if self.encoding == "power" else 2.4
+        return steep * (1e-6 if precision == "float32" else 2e-15), "measured"

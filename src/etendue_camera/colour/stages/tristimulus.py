@@ -1,0 +1,232 @@
+"""Colour: camera primaries to tristimulus values, and those of a scene to those of a viewer elsewhere.
+
+In:  ``rgb_camera`` and what is known of the light (``white_radiance``, ``white_irradiance``).
+Out: ``xyz_scene``; what becomes of it on a display is in ``display.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import XYZ, Grid, Haloed, Labels, Viewed, fitted, measured, param, quantity
+from etendue_camera import spectra
+from etendue_camera.colour import matrices
+from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
+from etendue_camera.mosaic import white_balance
+from etendue_camera.sensor.stages.crosstalk import mixing_of
+from etendue_camera.sensor.stages.sensitivity import Collecting, quantum_efficiency
+
+SPACES = {"Von Kries": "von_kries_hpe_d65", "Bradford": "bradford", "CAT02": "cat02", "CAT16": "cat16"}
+VISIBLE = (380.0, 780.0)  # nm
+PRINTED_GAINS = (0.5844, 0.5753, 0.514)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColourFit(Collecting):
+    """Least squares from white-balanced camera primaries to XYZ, over a set of reflectances under the scene's light.
+
+    White is kept exactly unless told otherwise. ``fit_residual`` is the rms error in XYZ (white Y = 1), ``fit_condition`` the
+    condition number.
+    Channels that see alike tell some colours not apart: such directions are given nothing, and counted in ``directions_floored``.
+    For any number of channels: one gives luminance in the colour of the white, two a plane of colours, and the residual
+    says how far that is from the truth. Crosstalk behind the filters is in the camera's primaries, as it is in a picture.
+    """
+
+    role: ClassVar = "colour matrix"
+    reads: ClassVar = {"white_radiance": "wavelength [W m-2 sr-1 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    writes: ClassVar = {
+        "colour_matrix": "component channel [1]",
+        "white_xyz": "component [1]",
+        "fit_residual": "[1]",
+        "fit_condition": "[1] nan",  # no number where the white is a single colour
+        "directions_floored": "[1]",
+    }
+    creates: ClassVar = {"component": XYZ}
+    nanoseconds: ClassVar = 1000.0
+    libraries: ClassVar = ("colour-science",)
+    error: ClassVar = fitted(1e-6, 1e-12)
+
+    reflectances: str = param(
+        "ColorChecker",
+        table=True,
+        doc="ColorChecker, or a CSV file: wavelength_nm, then columns of patches; its end values hold beyond",
+    )
+    white: str = param("kept", choices=("kept", "fitted"), doc="whether the white of the light is exact, or a patch like others")
+    ridge: float = param(0.0, at_least=0, doc="weight of the matrix's own size beside the error: less noise for more colour error")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.reflectances != "ColorChecker" and not self.reflectances.endswith(spectra.ENDINGS):
+            raise ValueError(f"reflectances is {self.reflectances!r}; allowed are ColorChecker and the path of a .csv or .spdx table")
+        if not min(self.peak_qe) > 0:
+            raise ValueError(
+                f"peak_qe is {list(self.peak_qe)}: no matrix finds colours with a channel that sees nothing; give every channel a "
+                "peak above 0, or leave colour_fit out"
+            )
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        if self.reflectances != "ColorChecker":
+            spectra.require_shares("reflectances", self.reflectances)
+        edges, channels = inputs["white_radiance"].bands().edges, len(self.channels)
+        seen = sum(below < VISIBLE[1] and above > VISIBLE[0] for below, above in pairwise(edges))
+        if seen < channels and self.ridge == 0:
+            raise ValueError(
+                f"{seen} of {len(edges) - 1} bands from {edges[0]:g} to {edges[-1]:g} nm are seen by the eye, and {seen} tell no "
+                f"{channels} channels apart: take a narrower bin_width, or wavelengths from {VISIBLE[0]:g} to {VISIBLE[1]:g} nm"
+            )
+        return {"colour_matrix": Grid.of({"component": XYZ, "channel": Labels(self.channels)})}
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["wavelength_edges"])
+        centres = coordinates["wavelength"] * np.diff(coordinates["wavelength_edges"])
+        response = quantum_efficiency(self, edges) * centres
+        return response, spectra.colour_matching(edges), self.patches(edges), edges
+
+    def patches(self, edges: tuple[float, ...]) -> Any:
+        """Reflectance of each patch, (patch, wavelength)."""
+        if self.reflectances == "ColorChecker":
+            return spectra.colorchecker(edges)[1]
+        return spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
+
+    def run(self, white_radiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        response, cmf, reflectance, edges = prepared
+        light = np.asarray(white_irradiance, dtype=float)
+        response = mixing_of(self, edges, response * light) @ response
+        camera_white = response @ light
+        if not np.all(camera_white > 0):
+            names = ", ".join(self.channels)
+            raise ValueError(f"the white has a dead channel ({names} = {camera_white}): look at the filter, the illuminant, peak_qe")
+        samples = (reflectance * light) @ response.T / camera_white
+        scene = np.asarray(white_radiance, dtype=float) * np.diff(edges)
+        white = cmf.T @ scene
+        if not white[1] > 0:
+            raise ValueError(f"the scene's white has no luminance (X, Y, Z = {white}): look at the illuminant and the wavelengths")
+        targets = (reflectance * scene) @ cmf / white[1]
+        kept = self.white == "kept"
+        fit = matrices.fit_matrix(
+            samples, targets, np.ones(len(response)) if kept else None, white / white[1] if kept else None, ridge=self.ridge, least=True
+        )
+        return {
+            "colour_matrix": fit.matrix, "white_xyz": white / white[1],
+            "fit_residual": np.array(fit.residual), "fit_condition": np.array(fit.condition if fit.condition < 1e15 else np.nan),
+            "directions_floored": np.array(float(fit.undetermined)),
+        }  # fmt: skip
+
+    def warn(self, facts: Any, grids: Any) -> list[str]:
+        few = {1: "pictures are luminance in the colour of the white", 2: "colours between its two are guessed"}
+        count, edges = len(self.channels), grids["white_radiance"].bands().edges
+        said: list[str] = []
+        if self.reflectances != "ColorChecker":
+            said += spectra.held_note(self.reflectances, spectra.csv_rows(self.reflectances)[1], edges[0], edges[-1])
+        if count > 2:
+            return said
+        channels = f"{count} channel{'s' * (count > 1)}"
+        said.append(f"the pattern {self.pattern!r} has {channels}, too few for colour: {few[count]}; see fit_residual")
+        return said
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraToXyz(Haloed):
+    """Camera primaries over the white, times the fitted matrix: what is shown as display white has Y = 1.
+
+    That is the scene's white, but at most the level at which the first of the balanced channels clips (with
+    ``brightness = "camera"`` always that level), whether ``balance_mosaic`` has seen to it already or not. Where a channel is
+    clipped its true value is unknown: ``highlights = "neutral"`` ends all balanced channels at that level, so that what is too
+    bright turns white and not magenta.
+    """
+
+    role: ClassVar = "camera colour"
+    reads: ClassVar = {
+        "rgb_camera": "channel y x [1]",
+        "white": "channel [1]",
+        "clipping_level": "[1]",
+        "colour_matrix": "component channel [1]",
+    }
+    writes: ClassVar = {"xyz_scene": "channel y x [1]"}
+    creates: ClassVar = {"channel": XYZ}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    working: ClassVar = 1.7
+    error: ClassVar = measured(1e-6, 2e-15)
+
+    brightness: str = quantity("brightness")
+    highlights: str = param("neutral", choices=("neutral", "keep"), doc="what becomes of clipped channels")
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        found = {port: tuple(inputs[port]["channel"].values()) for port in ("rgb_camera", "white", "colour_matrix")}
+        if len(set(found.values())) > 1:
+            text = ", ".join(f"{port} {' '.join(map(str, names))}" for port, names in found.items())
+            raise ValueError(f"channels differ: {text}; the demosaicer, white and colour_fit work on the same pattern")
+        return {"xyz_scene": inputs["rgb_camera"].replace(channel=XYZ)}
+
+    def run(self, rgb_camera: Any, white: Any, clipping_level: Any, colour_matrix: Any) -> dict[str, Any]:
+        if not np.all(white > 0):
+            raise ValueError(f"the white has a dead channel: {white}; look at the filter, the illuminant and peak_qe")
+        level, clipped = np.asarray(white, dtype=float), float(clipping_level)
+        shown = level * (white_balance.display_white(level.max(), clipped, self.brightness == "camera") / level.max())
+        matrix = np.asarray(colour_matrix, dtype=float) / shown
+        if self.highlights == "neutral":
+            ends = (level * (clipped / level.max())).astype(rgb_camera.dtype)
+            ended = np.empty_like(rgb_camera)
+            for plane, end, out in zip(rgb_camera, ends, ended, strict=True):
+                plane.clip(max=end, out=out)
+            rgb_camera = ended
+        return {"xyz_scene": matrices.apply_matrix(matrix, rgb_camera)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Balance(Viewed, Haloed):
+    """Von Kries in a named cone space: scene white to the target's white, or the paper's printed diagonal (eq. 14).
+
+    A cone that the scene's white leaves unexcited, as narrow light does, has an infinite gain: it is lifted to ``floor`` and counted
+    in ``cones_floored``, or refused.
+    """
+
+    role: ClassVar = "chromatic adaptation"
+    reads: ClassVar = {"xyz_scene": "channel y x [1]", "white_xyz": "component [1]"}
+    writes: ClassVar = {"xyz_scene": "channel y x [1]", "cones_floored": "[1]"}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+    working: ClassVar = 0.7
+    libraries: ClassVar = ("colour-science",)
+
+    once: ClassVar = ("adaptation to the white of the display",)
+    error: ClassVar = measured(1e-6, 3e-15)
+
+    space: str = param("Von Kries", choices=tuple(SPACES), doc="cone space of the gains")
+    target: str = param("D65", table=True, doc="white of the display: an illuminant, a display or an RGB space")
+    gains: str = param("white", choices=("white", "as_printed"), doc="from the scene's white, or the paper's diagonal with its scale")
+    floor: float = param(
+        1e-4, at_least=0, below=1, doc="share of the largest cone response to which weaker ones of the scene's white are lifted; 0: refused"
+    )
+
+    def __post_init__(self) -> None:
+        if self.target not in MEASURED and self.target not in spectra.rgb_space_names():
+            spectra.check_illuminant(self.target, TABLE_EDGES[0], TABLE_EDGES[-1])
+
+    def prepare(self, coordinates: Any) -> Any:
+        return white_of(self.target)
+
+    def assumes(self) -> dict[str, Any]:
+        """The paper's diagonal ends in a white of its own."""
+        return {"the white of the display": white_name(self.target)} if self.gains == "white" else {}
+
+    def viewing_white(self) -> Any:
+        """XYZ of the white to which a viewer of the result is adapted, for pictures of it; None: that of the picture."""
+        return white_of(self.target) if self.gains == "white" else None
+
+    def run(self, xyz_scene: Any, white_xyz: Any, prepared: Any) -> dict[str, Any]:
+        cones = matrices.TRANSFORMS[SPACES[self.space]]
+        if self.gains == "as_printed":
+            matrix, floored = np.linalg.solve(cones, np.diag(PRINTED_GAINS) @ cones), 0
+        else:
+            source, floored = np.asarray(white_xyz, dtype=float), 0
+            if self.floor > 0:
+                responses, floored = white_balance.lifted(cones @ source, self.floor)
+                source = np.linalg.solve(cones, responses) if floored else source
+            matrix = matrices.von_kries_matrix(source, prepared, cones)
+        return {"xyz_scene": matrices.apply_matrix(matrix, xyz_scene), "cones_floored": np.array(float(floored))}

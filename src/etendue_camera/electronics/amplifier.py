@@ -1,0 +1,273 @@
+"""What the electronics of a sensor do with charge: dark current by temperature, gain, noise by gain, saturation.
+
+In:  temperatures (K), analogue gain (dimensionless, 1 at base), noise (electrons), well (electrons), codes (DN).
+Out: factor on the dark current, read noise (electrons), gain (DN/electron), charge at saturation (electrons), white level and the lowest
+     code of a clipped pixel (DN).
+Sources: Janesick 2001, "Scientific Charge-Coupled Devices" (dark current); EMVA 1288 release 4 linear (doubling
+temperature); Varshni's band gap of silicon as Janesick gives it.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
+from etendue_camera.constants import BOLTZMANN, ELEMENTARY_CHARGE
+
+BOLTZMANN_EV = BOLTZMANN / ELEMENTARY_CHARGE  # eV/K
+COLDEST, HOTTEST = 150.0, 450.0  # K, where the law of `dark_current_factor` is used
+
+
+def silicon_band_gap(temperature_K: ArrayLike) -> NDArray:
+    """Band gap of silicon.
+
+    Parameters
+    ----------
+    temperature_K : (...) array, K
+        At or above 0.
+
+    Returns
+    -------
+    (...) array, eV
+
+    Raises
+    ------
+    ValueError
+        If a temperature is negative or NaN.
+
+    Notes
+    -----
+    Source: Varshni's form with Janesick's constants, 1.1557 - 7.021e-4 T^2 / (1108 + T); 1.1109 eV at 300 K, where
+    1.12 eV is the textbook value.
+    """
+    temperature = require.at_least_zero("temperature_K", np.asarray(temperature_K, dtype=float))
+    return 1.1557 - 7.021e-4 * temperature**2 / (1108.0 + temperature)
+
+
+def dark_current_factor(temperature_K: float, reference_K: float, doubling_K: float = 0.0) -> float:
+    """By how much dark current grows from a reference temperature to another.
+
+    Parameters
+    ----------
+    temperature_K, reference_K : float, K
+        150 to 450: colder, what is left does not come from the bulk; hotter, it no longer has this activation energy.
+    doubling_K : float, K
+        Warming by which dark current doubles, as a data sheet states it. 0: the law of thermal generation in the
+        depletion region.
+
+    Returns
+    -------
+    float, dimensionless
+        Exactly 1 at the reference.
+
+    Raises
+    ------
+    ValueError
+        If a temperature or the doubling is outside the range named above.
+
+    Notes
+    -----
+    Source: T^1.5 exp(-Eg(T) / 2kT) (Janesick 2001): half the band gap is the activation energy of generation through
+    mid-gap centres. It doubles every 8.5 K at 298 K. With a doubling, 2^((T - T0) / T_d) (EMVA 1288, section on the
+    doubling temperature).
+    """
+    for name, value in (("temperature_K", temperature_K), ("reference_K", reference_K)):
+        require.allowed(COLDEST <= value <= HOTTEST, name, value, f"{COLDEST:g} to {HOTTEST:g} K")
+    require.amount("doubling_K", doubling_K)
+    if temperature_K == reference_K:
+        return 1.0
+    if doubling_K > 0:
+        return 2.0 ** ((temperature_K - reference_K) / doubling_K)
+    here = float(silicon_band_gap(temperature_K)) / temperature_K
+    there = float(silicon_band_gap(reference_K)) / reference_K
+    return (temperature_K / reference_K) ** 1.5 * math.exp((there - here) / (2 * BOLTZMANN_EV))
+
+
+def read_noise_at_gain(before_gain: ArrayLike, after_gain: ArrayLike, analogue_gain: ArrayLike) -> NDArray:
+    """Read noise referred to the pixel, of an amplifier between two sources of noise.
+
+    Parameters
+    ----------
+    before_gain : (...) array, electrons
+        Standard deviation of what arises in front of the amplifier (source follower), at or above 0.
+    after_gain : (...) array, electrons
+        Standard deviation of what arises behind it (converter), as electrons at gain 1; at or above 0.
+    analogue_gain : (...) array, dimensionless
+        Above 0.
+
+    Returns
+    -------
+    (...) array, electrons
+
+    Raises
+    ------
+    ValueError
+        If an argument is outside the range named above.
+
+    Notes
+    -----
+    Source: variances of independent sources add, sqrt(s_1^2 + (s_2 / g)^2).
+    """
+    before = require.at_least_zero("before_gain", np.asarray(before_gain, dtype=float), " electrons")
+    after = require.at_least_zero("after_gain", np.asarray(after_gain, dtype=float), " electrons")
+    gain = require.above_zero("analogue_gain", np.asarray(analogue_gain, dtype=float))
+    return np.hypot(before, after / gain)
+
+
+def full_well(pitch: float, fraction: float, density: float) -> float:
+    """Charge capacity of a pixel: density times light-sensitive area.
+
+    Parameters
+    ----------
+    pitch : float, um
+    fraction : float, dimensionless
+        Side of the light-sensitive square over the pitch.
+    density : float, electrons um-2
+
+    Returns
+    -------
+    float, electrons
+    """
+    return density * (pitch * fraction) ** 2
+
+
+def gain_of_speed(analogue_gain: float, iso: float, base_iso: float) -> float:
+    """The gain of the amplifier: as given, or as the ISO speed asks for.
+
+    Parameters
+    ----------
+    analogue_gain : float, dimensionless
+        Holds where ``iso`` is 0.
+    iso, base_iso : float
+        Speed, and speed at gain 1; 0: not given.
+
+    Returns
+    -------
+    float, dimensionless
+
+    Raises
+    ------
+    ValueError
+        A speed without the speed at gain 1, or a speed and a gain.
+    """
+    if iso == 0:
+        return float(analogue_gain)
+    if base_iso == 0:
+        raise ValueError(
+            f"iso = {iso:g} needs base_iso, the speed at analogue gain 1: take it from a data sheet, or leave iso out, put the stage "
+            "exposure_numbers into the pipeline and copy its saturation_iso"
+        )
+    if analogue_gain != 1:
+        raise ValueError(f"iso = {iso:g} and analogue_gain = {analogue_gain:g} are both given; one follows from the other")
+    return float(iso / base_iso)
+
+
+def dn_per_electron(conversion_gain: float, analogue_gain: float, full_well: float, black_level: float, bits: int) -> float:
+    """Digital numbers per electron at the analogue gain: from the conversion gain, or the full well at the top code.
+
+    Parameters
+    ----------
+    conversion_gain : float, DN/electron
+        At gain 1; 0: a full well reaches the top code at gain 1.
+    analogue_gain : float, dimensionless
+    full_well : float, electrons
+    black_level : float, DN
+    bits : int
+
+    Returns
+    -------
+    float, DN/electron
+
+    Raises
+    ------
+    ValueError
+        If the black level leaves no codes.
+    """
+    if conversion_gain > 0:
+        return float(conversion_gain) * analogue_gain
+    top = 2**bits - 1 - black_level
+    if top <= 0:
+        raise ValueError(f"black_level {black_level:g} leaves nothing of {bits} bits")
+    return top / full_well * analogue_gain
+
+
+def white_level(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
+    """Digital numbers between black and saturation: to the top code, or to the full well where that comes first.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+    gain_dn_per_electron : float, DN/electron
+    black_level : float, DN
+    bits : int
+
+    Returns
+    -------
+    float, DN above black
+    """
+    top = float(2**bits - 1 - black_level)
+    filled = full_well * gain_dn_per_electron
+    return top if filled >= top * (1 - 1e-12) else filled
+
+
+def saturation_charge(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int) -> float:
+    """Charge beyond which the output no longer changes: the well or the top code, whichever comes first.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+    gain_dn_per_electron : float, DN/electron
+        Above 0.
+    black_level : float, DN
+        From 0 to below the top code.
+    bits : int
+
+    Returns
+    -------
+    float, electrons
+
+    Raises
+    ------
+    ValueError
+        If the gain is not above 0, or the black level leaves no codes.
+    """
+    require.allowed(gain_dn_per_electron > 0, "gain_dn_per_electron", gain_dn_per_electron, "numbers above 0")
+    if not 0 <= black_level < 2**bits - 1:
+        raise ValueError(f"black_level is {black_level!r} DN; allowed is 0 to below the top code {2**bits - 1}")
+    return min(full_well, (2**bits - 1 - black_level) / gain_dn_per_electron)
+
+
+def lowest_clipped_code(full_well: float, gain_dn_per_electron: float, black_level: float, bits: int, sigma: float = 0.0) -> float:
+    """The lowest code that a pixel with a full well, or beyond the converter, comes out with.
+
+    Parameters
+    ----------
+    full_well : float, electrons
+    gain_dn_per_electron : float, DN/electron
+        Above 0.
+    black_level : float, DN
+        From 0 to below the top code.
+    bits : int
+    sigma : float, electrons
+        Noise behind the well: a full one reads up to 4 sigma less (1 of 32,000 pixels reads still less).
+
+    Returns
+    -------
+    float, DN above black
+        That of the top code at most; no less than half of what a noise-free full well gives, however large the noise.
+
+    Raises
+    ------
+    ValueError
+        As `saturation_charge`.
+
+    Notes
+    -----
+    A full well is rounded to a whole code as any charge is; where it lies within 2**-8 DN below a step, the code under the step counts,
+    as single precision may take it for that.
+    """
+    filled = gain_dn_per_electron * saturation_charge(full_well, gain_dn_per_electron, black_level, bits)
+    noisy = gain_dn_per_electron * max(full_well - 4 * sigma, 0.0)
+    code = math.floor(noisy + black_level + 0.5 - 2**-8) - black_level
+    return max(min(float(code), 2**bits - 1 - float(black_level)), 0.5 * filled)

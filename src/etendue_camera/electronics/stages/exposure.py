@@ -1,0 +1,208 @@
+"""Exposure: photocurrent to charge, in the order in which it happens.
+
+In:  ``photocurrent`` (y, x), electron/s.
+Out: ``expected_charge`` and ``charge``, electron, (y, x).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, ends, param, proved, quantity
+from etendue_camera.electronics import amplifier, distributions, dynamic_range, noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure(Sampled, Noisy, Datasheet, Haloed):
+    """Charge expected after the integration time: photo (with PRNU) + dark (with its non-uniformity). Not clipped."""
+
+    role: ClassVar = "exposure"
+    reads: ClassVar = {"photocurrent": "y x [electron/s]"}
+    writes: ClassVar = {"expected_charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+    negative: ClassVar = "clip"  # the undershoot of band-limited light, once, in front of the Poisson draw
+    nanoseconds: ClassVar = 3.0
+    working: ClassVar = 2.0
+    libraries: ClassVar = ("numpy",)
+
+    integration_time: float = quantity("integration_time")
+    pixel_pitch: float = quantity("pixel_pitch")
+    dark_current_density: float = quantity("dark_current_density")
+    temperature: float = quantity("temperature")
+    dark_reference_temperature: float = quantity("dark_reference_temperature")
+    dark_doubling: float = quantity("dark_doubling")
+    sensor_serial: str = quantity("sensor_serial")
+    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel")
+    dark_nonuniformity: float = param(0.1, at_least=0, at_most=1, doc="relative rms of the dark current from pixel to pixel")
+    dark_pattern: bool = param(
+        True, fidelity=True, exact=True, reference="true: every pixel's own", settings=(False, True), costs=(0.75, 1.0),
+        doc="whether every pixel has the dark current that dark_nonuniformity draws; else all have its mean",
+    )  # fmt: skip
+
+    def dark_charge(self, time: float) -> Any:
+        """Mean dark charge after a time, electron."""
+        warm = amplifier.dark_current_factor(self.temperature, self.dark_reference_temperature, self.dark_doubling)
+        return dynamic_range.dark_electrons(self.dark_current_density * warm, self.pixel_pitch**2, time)
+
+    def variance(self, charge: float) -> float:
+        """Of the two patterns, of a pixel with this charge, the dark one included."""
+        dark = float(self.dark_charge(self.integration_time))
+        light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
+        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        dark_variance *= self.dark_pattern
+        signal = (charge - dark_mean * dark) / light_mean
+        return float(light_variance * signal**2 + dark_variance * dark**2)
+
+    def datasheet(self) -> dict[str, float]:
+        dark = float(self.dark_charge(1.0))
+        light_mean, light_variance = distributions.cut_normal_moments(self.prnu)
+        dark_mean, dark_variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        return {
+            "prnu": math.sqrt(light_variance) / light_mean,
+            "dark_current": dark_mean * dark,
+            "dark_spread": math.sqrt(dark_variance * self.dark_pattern) * dark,
+        }
+
+    def run(self, photocurrent: Any, rng_sensor: Any) -> dict[str, Any]:
+        kind = photocurrent.dtype.type
+        signal = photocurrent * kind(self.integration_time)
+        if self.prnu > 0:
+            signal *= rng_sensor.spread("prnu", self.prnu)
+        dark = np.asarray(self.dark_charge(self.integration_time), dtype=kind)
+        if self.dark_nonuniformity > 0 and dark > 0:
+            if self.dark_pattern:
+                dark = dark * rng_sensor.spread("dark current", self.dark_nonuniformity)
+            else:
+                dark = dark * kind(noise.mean_factor(self.dark_nonuniformity))
+        signal += dark
+        return {"expected_charge": signal}
+
+    def mean(self, photocurrent: Any) -> dict[str, Any]:
+        """Over many sensors."""
+        kind = photocurrent.dtype.type
+        dark = self.dark_charge(self.integration_time) * noise.mean_factor(self.dark_nonuniformity)
+        return {"expected_charge": photocurrent * kind(self.integration_time * noise.mean_factor(self.prnu)) + kind(dark)}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
+        """Of rounding. Without the pattern of the dark current, of which the mean is kept: the share of the variance of any pixel that it
+        would bring, since every pixel has at least the shot noise of its dark charge."""
+        rounding = 2e-7 if precision == "float32" else 1e-15
+        if self.dark_pattern or self.dark_nonuniformity == 0:
+            return rounding, "proved"
+        mean, variance = distributions.cut_normal_moments(self.dark_nonuniformity)
+        odds = variance * float(self.dark_charge(ends(self.integration_time)[1])) / mean
+        return rounding + (odds / (1 + odds) if math.isfinite(odds) else 1.0), "proved"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """Between the darkest and the brightest light, each by a pattern of six sigma: one pixel in 1e9 lies beyond."""
+        light = facts["photocurrent"]
+        if light.low is None or light.high is None:
+            return Facts()
+        shortest, longest = ends(self.integration_time)
+        sight, dark = 6 * self.prnu, 6 * self.dark_nonuniformity
+        low = max(light.low, 0.0) * shortest * max(1 - sight, 0.0) + float(self.dark_charge(shortest)) * max(1 - dark, 0.0)
+        return Facts(low=low, high=max(light.high, 0.0) * longest * (1 + sight) + float(self.dark_charge(longest)) * (1 + dark))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShotNoise(Sampled, Noisy, Haloed):
+    """Photons arrive one by one: Poisson about the expected charge."""
+
+    role: ClassVar = "shot noise"
+    reads: ClassVar = {"expected_charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+    nanoseconds: ClassVar = 60.0
+    working: ClassVar = 0.5
+
+    noise: str = quantity("noise")
+    exact_below: float = param(
+        30.0, units="electron", at_least=10, infinite=True, fidelity=True, reference="inf: exact Poisson at every mean",
+        settings=(30.0, 100.0, 300.0, 1000.0, math.inf), costs=(1.0, 1.0, 1.0, 1.05, 1.35),
+        doc="above this mean the draw is a Cornish-Fisher form within 1.2e-4 (30 / mean)^1.5 of Poisson in total variation",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if self.common_draws and self.exact_below > noise.LARGEST_INVERTED:
+            raise ValueError(
+                f"exact_below is {self.exact_below:g} electron; noise = 'common' inverts the distribution up to "
+                f"{noise.LARGEST_INVERTED:g} at most: lower it, or take noise = 'independent'"
+            )
+
+    @property
+    def common_draws(self) -> bool:
+        return self.noise == "common"
+
+    def variance(self, charge: float) -> float:
+        return charge
+
+    def halo(self) -> int | None:
+        """Common draws are one for each pixel; independent ones are asked for in an order that all of the frame decides."""
+        return 0 if self.common_draws else None
+
+    def run(self, expected_charge: Any, rng: Any) -> dict[str, Any]:
+        if self.common_draws:
+            return {"charge": noise.poisson_by_inversion(expected_charge, rng.random(expected_charge.shape), self.exact_below)}
+        return {"charge": noise.poisson(expected_charge, rng, self.exact_below)}
+
+    def mean(self, expected_charge: Any) -> dict[str, Any]:
+        return {"charge": expected_charge}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """The expected value stays as it is."""
+        return facts["expected_charge"]
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Total variation from Poisson, not an error of the mean: largest where the form begins; at the seam of common draws too."""
+        if math.isinf(self.exact_below):
+            return 0.0, "proved"
+        return 1.2e-4 * (30.0 / self.exact_below) ** 1.5 + (1e-4 if self.common_draws else 0.0), "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FullWell(Bounded, Datasheet):
+    """Each pixel holds so much and no more: clipped after the draw, so that its noise collapses at saturation."""
+
+    role: ClassVar = "full well"
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    keeps: ClassVar = ("order",)
+    gain: ClassVar = None  # where the light exceeds the well, what is not clipped gains in share of full scale
+    elementwise: ClassVar = True
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
+    error: ClassVar = proved(6e-8, 1e-16)
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    aperture_fraction: float = quantity("aperture_fraction")
+    full_well_density: float = quantity("full_well_density")
+
+    def capacity(self) -> float:
+        return amplifier.full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)
+
+    def datasheet(self) -> dict[str, float]:
+        return {"full_well": self.capacity()}
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"charge": np.minimum(charge, charge.dtype.type(self.capacity()))}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        """What clipping takes from the mean of a Poisson count, as a share of the full well."""
+        if facts.high is None or facts.high >= self.capacity():
+            return None
+        sigma = math.sqrt(max(facts.high, 1.0))
+        away = (self.capacity() - facts.high) / sigma
+        return sigma * math.exp(-0.5 * away**2) / self.capacity(), "the light stays below the full well"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        known, capacity = facts["charge"], self.capacity()
+        return Facts(
+            uniform=known.uniform,
+            low=None if known.low is None else min(known.low, capacity),
+            high=capacity if known.high is None else min(known.high, capacity),
+        )

@@ -1,0 +1,51 @@
+"""The numbers beside the pictures: plain figures of the pixel, and a probe that looks at the light of all stages.
+
+In:  camera quantities; the irradiance of all stages.
+Out: scalars, each at the axes that reach it; ``mean_irradiance`` with a dimension ``stage``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Probe, Stage, proved, quantity
+from etendue_camera.electronics.amplifier import full_well
+from etendue_camera.light import radiometry
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelNumbers(Stage):
+    """Nyquist frequency, plate scale (eq. 10), full well."""
+
+    role: ClassVar = "figures"
+    writes: ClassVar = {"nyquist_frequency": "[cycles/um]", "plate_scale": "[arcsec/pixel]", "full_well": "[electron]"}
+    error: ClassVar = proved(1e-7, 1e-15)
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    aperture_fraction: float = quantity("aperture_fraction")
+    focal_length: float = quantity("focal_length")
+    full_well_density: float = quantity("full_well_density")
+
+    def run(self) -> dict[str, Any]:
+        return {
+            "nyquist_frequency": np.array(0.5 / self.pixel_pitch),
+            "plate_scale": radiometry.plate_scale(self.pixel_pitch, self.focal_length),
+            "full_well": np.array(full_well(self.pixel_pitch, self.aperture_fraction, self.full_well_density)),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightBudget(Probe):
+    """Mean irradiance behind every stage that writes it: blurs keep it, fall-off and filters do not."""
+
+    role: ClassVar = "figures"
+    reads: ClassVar = {"planes": "*.irradiance [W m-2 nm-1]"}
+    writes: ClassVar = {"mean_irradiance": "stage [W m-2 nm-1]"}
+    nanoseconds: ClassVar = 5.0
+    error: ClassVar = proved(1e-7, 1e-15)
+
+    def run(self, planes: Any) -> dict[str, Any]:
+        return {"mean_irradiance": np.array([plane.mean(dtype=np.float64) for _, plane in planes])}

@@ -1,0 +1,217 @@
+"""Read-out: charge to digital numbers, and back to a linear scale.
+
+In:  ``charge`` (y, x) or (frame, y, x), electron.
+Out: ``raw``, DN, and ``mosaic_linear``, 1 where pixels saturate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, Scaled, param, proved, quantity
+from etendue_camera.electronics import amplifier, converter
+from etendue_camera.electronics.stages.gain_chain import Amplifier, GainChain, analogue_gain
+from etendue_camera.electronics.stages.known_noise import KnownNoise
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadNoise(Amplifier, Bounded, Sampled, Noisy, Datasheet, Haloed):
+    """Noise of the read-out, new in every cell and frame, and the offset pattern (DSNU) that belongs to the sensor.
+
+    What arises behind the amplifier (``read_noise_after``) counts by 1 / gain: sigma^2 = read_noise^2 + (after / gain)^2.
+    """
+
+    role: ClassVar = "read noise"
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+    nanoseconds: ClassVar = 15.0
+    libraries: ClassVar = ("numpy",)
+    error: ClassVar = proved(6e-8, 2e-16)
+
+    read_noise: float = quantity("read_noise")
+    read_noise_after: float = quantity("read_noise_after")
+    dsnu: float = quantity("dsnu")
+    sensor_serial: str = quantity("sensor_serial")
+    noise: str = quantity("noise")
+
+    @property
+    def common_draws(self) -> bool:
+        return self.noise == "common"
+
+    def sigma(self) -> float:
+        """Temporal noise, referred to the pixel, electron."""
+        return float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+
+    def variance(self, charge: float) -> float:
+        return self.sigma() ** 2 + self.dsnu**2
+
+    def datasheet(self) -> dict[str, float]:
+        return {"read_noise": self.sigma(), "dsnu": self.dsnu}
+
+    def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
+        kind, sigma = charge.dtype.type, self.sigma()
+        if sigma > 0:
+            noise = rng.standard_normal(charge.shape, dtype=charge.dtype)
+            noise *= kind(sigma)
+            noise += charge
+            charge = noise
+        if self.dsnu > 0:
+            offset = kind(self.dsnu) * rng_sensor.normal("dsnu")
+            charge = charge + offset if offset.shape != charge.shape else np.add(charge, offset, out=offset)
+        return {"charge": charge}
+
+    def mean(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        quiet = self.read_noise == 0 and self.read_noise_after == 0 and self.dsnu == 0
+        return (0.0, "there is no read noise and no offset pattern") if quiet else None
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return facts["charge"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinePattern(Bounded, Sampled, Noisy, Datasheet, Haloed):
+    """Offsets that whole rows and columns share: fixed ones that belong to the sensor, and ones new in every frame."""
+
+    role: ClassVar = "line pattern"
+    by_line: ClassVar = True
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"charge": "y x [electron]"}
+    gain: ClassVar = 1.0
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 3.0
+    libraries: ClassVar = ("numpy",)
+    error: ClassVar = proved(3e-7, 1e-15)
+
+    sensor_serial: str = quantity("sensor_serial")
+    noise: str = quantity("noise")
+    row_pattern: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, fixed per sensor")
+    column_pattern: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, fixed per sensor")
+    row_noise: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by row, new in every frame")
+    column_noise: float = param(0.0, units="electron", at_least=0, held=(0, 1e6), doc="rms offset by column, new in every frame")
+
+    @property
+    def common_draws(self) -> bool:
+        return self.noise == "common"
+
+    def variance(self, charge: float) -> float:
+        return self.row_pattern**2 + self.column_pattern**2 + self.row_noise**2 + self.column_noise**2
+
+    def datasheet(self) -> dict[str, float]:
+        return {
+            "read_noise": math.hypot(self.row_noise, self.column_noise), "dsnu": math.hypot(self.row_pattern, self.column_pattern),
+        }  # fmt: skip
+
+    def halo(self) -> int | None:
+        """New offsets of columns are drawn once for all rows."""
+        return None if self.column_noise > 0 else 0
+
+    def run(self, charge: Any, rng: Any, rng_sensor: Any) -> dict[str, Any]:
+        kind = charge.dtype.type
+        *leading, rows, columns = charge.shape
+        offset = np.zeros((1, 1), dtype=charge.dtype)
+        if self.row_pattern > 0:
+            offset = offset + kind(self.row_pattern) * rng_sensor.row_normal("row")
+        if self.column_pattern > 0:
+            offset = offset + kind(self.column_pattern) * rng_sensor.column_normal("column")
+        if self.row_noise > 0:
+            offset = offset + kind(self.row_noise) * rng.standard_normal((*leading, rows, 1), dtype=charge.dtype)
+        if self.column_noise > 0:
+            offset = offset + kind(self.column_noise) * rng.standard_normal((*leading, 1, columns), dtype=charge.dtype)
+        return {"charge": charge + offset}
+
+    def mean(self, charge: Any) -> dict[str, Any]:
+        return {"charge": charge}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        quiet = self.row_pattern == self.column_pattern == self.row_noise == self.column_noise == 0
+        return (0.0, "there is no pattern of rows or columns") if quiet else None
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """The expected value stays as it is, but for the fixed patterns, which no bound holds."""
+        return facts["charge"] if self.row_pattern == self.column_pattern == 0 else Facts()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adc(GainChain, Sampled, Noisy, Datasheet):
+    """Amplifier and converter: gain, pedestal, rounding, top code 2^n - 1, which a high gain reaches before the well is full."""
+
+    role: ClassVar = "converter"
+    reads: ClassVar = {"charge": "y x [electron]"}
+    writes: ClassVar = {"raw": "y x [DN] uint16"}
+    keeps: ClassVar = ("order",)
+    gain: ClassVar = None  # it clips, and rounds to whole codes
+    elementwise: ClassVar = True
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 3.0
+    working: ClassVar = 2.6
+
+    read_noise: float = quantity("read_noise")
+    read_noise_after: float = quantity("read_noise_after")
+
+    def __post_init__(self) -> None:
+        analogue_gain(self)  # a speed that cannot be had is refused before anything runs, and so are codes without room above black
+        converter.top_code(self.bits, self.black_level)
+
+    def variance(self, charge: float) -> float:
+        return 1 / (12 * self.dn_per_electron() ** 2)
+
+    def datasheet(self) -> dict[str, float]:
+        gain = self.dn_per_electron()
+        return {"gain": gain, "full_well": (2**self.bits - 1 - self.black_level) / gain}
+
+    def run(self, charge: Any) -> dict[str, Any]:
+        return {"raw": converter.digitise(charge, self.dn_per_electron(), self.black_level, self.bits)}
+
+    def mean(self, charge: Any) -> dict[str, Any]:
+        return {"raw": converter.unrounded(charge, self.dn_per_electron(), self.black_level, self.bits)}
+
+    def warn(self, facts: Facts, grid: Any) -> list[str]:
+        sigma = float(amplifier.read_noise_at_gain(self.read_noise, self.read_noise_after, analogue_gain(self)))
+        wide = sigma * self.dn_per_electron()
+        if self.black_level >= 4 * wide:
+            return []
+        share = 0.5 * math.erfc((self.black_level + 0.5) / (wide * math.sqrt(2)))
+        return [
+            f"the pedestal, black_level = {self.black_level:g} DN, is under 4 sigma of the read noise ({sigma:.3g} electron = "
+            f"{wide:.3g} DN): {share:.2g} of a dark frame is cut off at code 0, which lifts its mean; {math.ceil(4 * wide)} DN hold it"
+        ]
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Half a step, of the range from black to white."""
+        return 0.5 / (2**self.bits - 1 - self.black_level), "proved"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linearise(KnownNoise, Scaled):
+    """(DN - black) / (white - black): 1 where pixels saturate, at the full well or the top code; negative values kept.
+
+    ``clipping_level`` is the lowest value that a clipped pixel has: rounding, and noise behind a well that ends below the top code,
+    bring it a little under 1 (four sigma of read noise and offsets).
+    """
+
+    role: ClassVar = "linearisation"
+    reads: ClassVar = {"raw": "y x [DN] uint16"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    keeps: ClassVar = ("order",)
+    gain: ClassVar = None  # the black level is a part of full scale that disappears
+    elementwise: ClassVar = True
+    nanoseconds: ClassVar = 2.0
+    working: ClassVar = 2.0
+    error: ClassVar = proved(6e-8, 2e-16)
+
+    def run(self, raw: Any) -> dict[str, Any]:
+        white = self.white()
+        sigma = math.hypot(self.read_sigma(), self.dsnu)
+        lowest = amplifier.lowest_clipped_code(self.well(), self.dn_per_electron(), self.black_level, self.bits, sigma)
+        return {
+            "mosaic_linear": converter.linearise(raw, self.black_level, self.bits, np.float64, white),
+            "clipping_level": np.array(lowest / white),
+        }

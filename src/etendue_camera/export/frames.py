@@ -1,0 +1,290 @@
+"""The pictures of an archive, one at a time, with what is known about each: camera values, white, colour matrix, key.
+
+In:  the folder of an archive.
+Out: a ``Shelf`` for a variable, its ``Frame``s by axis values; arrays are read when a frame is asked for its picture.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import xarray
+
+from etendue.archive.describe import describe_archive
+from etendue.archive.journal import read_journal
+from etendue.archive.layout import STATUS
+from etendue.archive.naming import cell_label
+from etendue.archive.provenance import latest_record
+from etendue.archive.reading import metadata_of
+from etendue.archive.stored import Stored
+from etendue.archive.vouched import VouchedStore
+from etendue.errors import ArchiveError, Fault, RequestError, nearest
+from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.opening import opened
+from etendue.present.plots.places import is_called, is_value
+from etendue.present.plots.strip import white_of
+
+PLANE = ("channel", "y", "x")
+FINISHED = ("done", "left_out")
+MEND = "mend it: etendue verify --repair"
+
+
+@dataclass(frozen=True)
+class Group:
+    """One group of the store that holds a variable: a stage, or one shape of a stage."""
+
+    stage: str
+    path: str
+    data: xarray.Dataset
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """Which parameter each axis sets: ``{"f_number": "f_number", "pixel_rows": "pixel.rows"}``."""
+        return {str(dim): str(self.data[dim].attrs.get("parameter", dim)) for dim in self.data.coords if dim in self.data.dims}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of one cell: where it stands, and whether it is there."""
+
+    group: Group
+    variable: str
+    labels: Mapping[str, Any]  # axis values, and the position along leading dims such as ``frame``
+    status: str
+    stored: Stored
+
+    def picture(self) -> Any:
+        """The array: (y, x) or (channel, y, x).
+
+        Raises
+        ------
+        ArchiveError
+            It is missing, or not as it was written: nothing is filled in.
+        """
+        return stored_array(self.stored, self.group.stage, self.group.data, self.variable, self.labels)
+
+    def where(self) -> str:
+        return ", ".join(f"{dim}={plain(value)}" for dim, value in self.labels.items())
+
+
+def stored_array(stored: Stored, stage: str, data: xarray.Dataset, variable: str, labels: Mapping[str, Any]) -> Any:
+    """A variable of one cell as the journal vouches for it, at the labels of its other dims."""
+    axes = [str(dim) for dim in data["status"].dims] if "status" in data else []
+    name = cell_label(stage, {dim: labels[dim] for dim in axes})
+    if name not in stored.finished:
+        raise ArchiveError(
+            f"{stored.folder}: the journal does not say that {name} is finished, though its status does; {MEND} {stored.folder}"
+        )
+    try:
+        array = stored.cell(name).read(variable)
+    except ArchiveError as error:
+        raise ArchiveError(f"{stored.folder}: {error}; {MEND} {stored.folder}") from None
+    inner = xarray.DataArray(array, dims=[dim for dim in data[variable].dims if dim not in axes])
+    rest = {str(dim): _values(data[variable], str(dim)).index(labels[str(dim)]) for dim in inner.dims if str(dim) in labels}
+    return inner.isel(rest).to_numpy()
+
+
+def plain(value: Any) -> str:
+    """A value of an axis as short text."""
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+class Shelf:
+    """An archive opened for reading. Nothing of it is changed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(folder)
+        described = describe_archive(self.folder)
+        record = latest_record(self.folder)
+        assert record is not None  # describe_archive has refused such a folder
+        self.record: dict[str, Any] = record
+        self.stages: list[str] = [stage["name"] for stage in described["stages"]]
+        self.variables: dict[str, list[tuple[str, str]]] = {}
+        for stage in described["stages"]:
+            for found in stage["variables"]:
+                self.variables.setdefault(found["variable"], []).append((stage["name"], found["group"]))
+        self.opened: dict[str, xarray.Dataset] = {}
+
+    @cached_property
+    def stored(self) -> Stored:
+        return Stored(self.folder)
+
+    @cached_property
+    def store(self) -> Any:
+        return VouchedStore.of(self.stored.archive)
+
+    @cached_property
+    def journal(self) -> Mapping[str, Any]:
+        return read_journal(self.folder / "journal.jsonl")
+
+    # -- pictures -------------------------------------------------------------------------------------
+
+    def groups(self, variable: str, stage: str = "") -> list[Group]:
+        """The groups of the last stage that wrote a variable, or of the one that is named."""
+        written = self.variables.get(variable)
+        if not written:
+            pictures = [name for name, places in self.variables.items() if self._is_picture(places[0][1], name)]
+            raise RequestError(f"{self.folder} holds no {variable!r}{nearest(variable, pictures)}; it may have been left out by 'keep'")
+        stages = list(dict.fromkeys(name for name, _ in written))
+        if stage and stage not in stages:
+            raise RequestError(f"--stage {stage}: it wrote no {variable!r} here{nearest(stage, stages)}")
+        chosen = stage or stages[-1]
+        return [Group(chosen, path, self._open(path)) for name, path in written if name == chosen]
+
+    def frames(self, variable: str, stage: str = "", light: bool = False) -> list[Frame]:
+        """Every picture of a variable, in the order of the axes as stored; ``light``: bands of light are one picture too."""
+        found = []
+        for group in self.groups(variable, stage):
+            array = group.data[variable]
+            if array.dims[-2:] != ("y", "x") or not (light or self._is_picture(group.path, variable)):
+                way = "; as a plot: etendue plot" if array.dims[-2:] != ("y", "x") else "; --png shows it as an eye sees it"
+                raise RequestError(f"{variable} has dims {', '.join(map(str, array.dims))}: it is no picture{way}")
+            axes = [str(dim) for dim in array.dims if dim not in PLANE and not (light and dim == "wavelength")]
+            values = [_values(array, dim) for dim in axes]
+            status = group.data["status"].to_numpy() if "status" in group.data else None
+            depth = status.ndim if status is not None else 0
+            for index in product(*(range(len(own)) for own in values)):
+                flag = STATUS[int(status[index[:depth]])] if status is not None else "done"
+                labels = {dim: own[i] for dim, own, i in zip(axes, values, index, strict=True)}
+                found.append(Frame(group, variable, labels, flag, self.stored))
+        there = [frame.labels for frame in found if frame.status != "not_computed"]
+        return [f for f in found if f.status != "not_computed" or f.labels not in there]  # another shape of the stage has it
+
+    def _is_picture(self, path: str, variable: str) -> bool:
+        array = self._open(path).get(variable)
+        return array is not None and array.dims[-2:] == ("y", "x") and "wavelength" not in array.dims
+
+    def _open(self, path: str) -> xarray.Dataset:
+        if path not in self.opened:
+            with metadata_of(self.folder):
+                self.opened[path] = xarray.open_dataset(self.store, engine="zarr", group=path, chunks=None, consolidated=False)
+        return self.opened[path]
+
+    @cached_property
+    def holdings(self) -> Holdings:
+        return Holdings(opened(self.folder))
+
+    def white(self, frame: Frame) -> float:
+        """The linear value that is shown as white in a picture, as plots have it."""
+        held = self.holdings.find(f"{frame.group.stage}.{frame.variable}", "picture")
+        return white_of(self.holdings, held, {dim: frame.labels[dim] for dim in held.axes})
+
+    # -- what is known of one -------------------------------------------------------------------------
+
+    def parameter(self, frame: Frame, name: str, default: Any = None) -> Any:
+        """The value of a parameter in the cell of a frame: its axis, its stage, the camera, any other stage."""
+        for dim, key in frame.group.parameters.items():
+            if dim in frame.labels and key.rpartition(".")[2] == name:
+                return frame.labels[dim]
+        nodes = self.record["nodes"]
+        own = [nodes.get(frame.group.stage, {}), *nodes.values()]
+        for shown in [own[0].get("shown", {}), self.record["camera"], *(node["shown"] for node in own[1:])]:
+            if shown.get(name) is not None:
+                return float(shown[name]) if shown[name] in ("inf", "nan") else shown[name]
+        return default
+
+    def roles(self, stage: str) -> list[str]:
+        """What a stage of the archive is for.
+
+        Raises
+        ------
+        ArchiveError
+            The archive was written before roles were recorded.
+        """
+        node = self.record["nodes"].get(stage, {"role": []})
+        if "role" not in node:
+            raise ArchiveError(f"{self.folder} does not say what its stages are for: run its pipeline again with this version")
+        return list(node["role"])
+
+    def beside(self, frame: Frame, variable: str, other_than: str = "") -> Any:
+        """Another variable of the same cell, or None where the archive has none: ``white`` for a ``raw``.
+
+        The last that was written, but not by a stage of the role ``other_than``.
+        """
+        for stage, path in reversed(self.variables.get(variable, [])):
+            if other_than and other_than in self.roles(stage):
+                continue
+            data = self._open(path)
+            axes = [str(dim) for dim in data["status"].dims] if "status" in data else []
+            labels = {dim: frame.labels[dim] for dim in axes if dim in frame.labels}
+            open_ = [dim for dim in axes if dim not in labels and data.sizes[dim] > 1]
+            if open_ or any(value not in _values(data, dim) for dim, value in labels.items()):
+                continue
+            chosen = data.sel(labels).squeeze([dim for dim in axes if dim not in labels])
+            if STATUS[int(chosen["status"])] in FINISHED:
+                whole = {dim: labels[dim] if dim in labels else _values(data, dim)[0] for dim in axes}
+                inner = {str(dim): frame.labels[str(dim)] for dim in data[variable].dims if dim in frame.labels and dim not in axes}
+                return stored_array(self.stored, stage, data, variable, {**whole, **inner})
+        return None
+
+    def key(self, frame: Frame) -> str:
+        """The key of the cell: what it was computed from, to the last bit."""
+        axes = self._axes(frame.group)
+        labels = {dim: value for dim, value in frame.labels.items() if dim in axes}
+        entry = self.journal.get(cell_label(frame.group.stage, labels))
+        return entry.key if entry is not None else ""
+
+    @staticmethod
+    def _axes(group: Group) -> tuple[str, ...]:
+        return tuple(str(dim) for dim in group.data["status"].dims) if "status" in group.data else ()
+
+    def input_file(self, stored: str) -> Path | None:
+        """The copy of a file parameter: the record names it by content."""
+        digest = stored.removeprefix("sha256:")
+        return next(iter((self.folder / "inputs").glob(f"{digest}*")), None) if digest != stored else None
+
+
+def _values(data: Any, dim: str) -> list[Any]:
+    if dim not in data.coords:
+        return list(range(data.sizes[dim]))
+    return [value.item() if hasattr(value, "item") else value for value in data[dim].to_numpy()]
+
+
+# -- choosing -------------------------------------------------------------------------------------------------
+
+
+def chosen(frames: list[Frame], at: Mapping[str, str]) -> list[Frame]:
+    """The frames at the given axis values; an axis that is not named stays whole.
+
+    Raises
+    ------
+    RequestError
+        No such axis, or no such value on it.
+    """
+    left, faults = frames, []
+    for name, text in at.items():
+        axes = {dim: key for frame in frames for dim, key in frame.group.parameters.items() if dim in frame.labels}
+        axes |= {dim: dim for frame in frames for dim in frame.labels if dim not in axes}
+        dim = next((dim for dim, key in axes.items() if is_called(name, dim, key)), "")
+        if not dim:
+            why = nearest(name, axes) if axes else "; nothing was swept"
+            faults.append(Fault(f"--at {name}", f"it is no axis of {frames[0].variable}{why}"))
+            continue
+        values = list(dict.fromkeys(frame.labels[dim] for frame in frames if dim in frame.labels))
+        unit = next((str(f.group.data[dim].attrs.get("units", "1")) for f in frames if dim in f.group.data.coords), "1")
+        match = [value for value in values if is_value(value, text, unit)]
+        if not match:
+            shown = ", ".join(map(plain, values[:12])) + (", ..." if len(values) > 12 else "")
+            faults.append(Fault(f"--at {name}={text}", f"that was not computed; {dim} is {shown}{'' if unit == '1' else ' ' + unit}"))
+            continue
+        left = [frame for frame in left if frame.labels.get(dim) in match]
+    if faults:
+        raise RequestError(faults)
+    if not left:
+        raise RequestError(f"--at {' '.join(f'{k}={v}' for k, v in at.items())}: no cell of {frames[0].variable} has these values together")
+    return left
+
+
+def described(shelf: Shelf, frame: Frame) -> str:
+    """One line of provenance for a file: pipeline, stage, axis values, key of the cell."""
+    facts = {
+        "pipeline": shelf.record["pipeline"], "stage": frame.group.stage, "variable": frame.variable, "at": frame.where(),
+        "cell": shelf.key(frame), "etendue": shelf.record["libraries"].get("etendue", ""),
+    }  # fmt: skip
+    return json.dumps({name: text for name, text in facts.items() if text}, ensure_ascii=True)

@@ -1,0 +1,42 @@
+"""8-bit PNG: a variable as an eye sees it, light through the CIE 1931 observer, a mosaic through its own filters.
+
+In:  a frame of an archive.
+Out: a true-colour PNG, the first row of the array on top; encoded sRGB, with provenance as text.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray
+
+from etendue.present.plots import pictures
+from etendue_camera.export.frames import Frame
+
+
+def array_of(frame: Frame) -> xarray.DataArray:
+    """The picture of a frame with what its archive says of it.
+
+    Raises
+    ------
+    ArchiveError
+        It is missing, or not as it was written.
+    """
+    values, known = frame.picture(), frame.group.data[frame.variable]
+    dims = [str(dim) for dim in known.dims[known.ndim - np.ndim(values) :]]
+    coords = {dim: known[dim].variable for dim in dims if dim in known.coords}
+    return pictures.with_bands(xarray.DataArray(values, {**coords, **frame.labels}, dims, frame.variable, known.attrs), frame.group.data)
+
+
+def write(path: Path, array: xarray.DataArray, white: float, description: str = "") -> None:
+    """Write one picture; ``white``: the linear value that is shown as white."""
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    said = PngInfo()
+    said.add(b"sRGB", b"\0")
+    if description:
+        said.add_text("Description", description)
+    said.add_text("Software", "etendue")
+    Image.fromarray(pictures.drawn(array, white)).save(path, format="png", optimize=False, pnginfo=said)

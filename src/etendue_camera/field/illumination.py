@@ -1,0 +1,174 @@
+"""How evenly the field is lit: pupils cut by a rim, angles of the chief ray, and what tables say.
+
+In:  image heights (mm), radii and distances of rims (mm), angles (degrees or their tangents).
+Out: relative illumination (1) and chief-ray angles (degrees).
+Sources: plane geometry; conjugates of the pupils of a lens in air.
+
+`radiometry.cos4` and `radiometry.disc_falloff` are the fall-off of a whole pupil; what is here multiplies it.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue import require
+
+FloatArray = NDArray[np.floating]
+Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+
+
+def overlap_of_discs(radius: float, rim: float, shift: Floats) -> Floats:
+    """Share of a disc that another disc covers.
+
+    Parameters
+    ----------
+    radius, rim : float
+        Radii of the disc and of the one that covers it, same unit, above 0; rim may be infinite.
+    shift : (...) array, same unit
+        Distance of the centres; the sign does not matter.
+
+    Returns
+    -------
+    (...) array, 1
+        In [0, 1]: exactly 1 while the disc lies inside the rim, exactly 0 once it lies outside.
+
+    Raises
+    ------
+    ValueError
+        For a radius that is not above 0.
+
+    Notes
+    -----
+    Source: two circular segments, a^2 (u - sin u)/2 each, with half their angles from the half-angle formula of the
+    triangle a, R, s: tan^2(u/4) = (R - s + a)(R + s - a)/((s + a - R)(s + a + R)). The usual form with arc cosines loses half
+    the digits where the circles nearly touch, and u - sin u is a series where it cancels.
+    Error: below 3e-16 relative beyond the sensitivity to the arguments, which is large where the circles touch (2000 random
+    cases, rims of 1e-3 to 1e6 times the radius, against 50 digits).
+    """
+    require.finite("radius", radius)
+    require.positive("rim", rim)
+    away = np.abs(np.asarray(shift))
+    if np.isinf(rim):
+        return np.ones_like(away, dtype=np.result_type(away, np.float32))[()]
+    small, large = min(radius, rim), max(radius, rim)
+    # tangents of a quarter of the two segment angles, from sums that lose no digits
+    gap, both = large - small, large + small
+    inner, outer = np.maximum(gap, away) - gap, np.maximum(both - away, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # gap + away, never away + large - small: that loses a shift far below the radii
+        by_small = 2.0 * np.arctan(np.sqrt(outer * (gap + away) / (inner * (away + both))))
+        by_large = 2.0 * np.arctan(np.sqrt(outer * inner / ((gap + away) * (away + both))))
+        area = small**2 * _segment(by_small) + large**2 * _segment(by_large)
+    whole = np.pi * small**2
+    area = np.where(inner <= 0.0, whole, np.where(outer <= 0.0, 0.0, np.minimum(area, whole)))
+    return (area / (np.pi * radius**2))[()]
+
+
+def vignetting(
+    tan_angle: Floats, pupil_radius: float, rim_radius: float, rim_distance: float, object_distance: float = float("inf")
+) -> Floats:
+    """Share of the entrance pupil that a round rim in front of it leaves open.
+
+    Parameters
+    ----------
+    tan_angle : (...) array, 1
+        Tangent of the field angle on the object's side, at the centre of the entrance pupil.
+    pupil_radius, rim_radius : float, mm
+        Above 0. The rim must let the whole pupil of an axial point through, or it would be the aperture stop.
+    rim_distance : float, mm
+        From the entrance pupil, 0 or above.
+    object_distance : float, mm
+        From the entrance pupil, beyond the rim; inf for an object at infinity.
+
+    Returns
+    -------
+    (...) array, 1
+        1 on the axis and as far as the rim does not reach, then falling to 0.
+
+    Raises
+    ------
+    ValueError
+        For lengths outside these ranges, or a rim that cuts the light of an axial point.
+
+    Notes
+    -----
+    Source: the rim seen from the object point throws a shadow of radius k R on the pupil plane, displaced by k d tan(theta), with
+    k = 1/(1 - d/L). Times `radiometry.cos4` it is the relative illumination of a small pupil exactly; a wide one weighs its
+    parts by up to `radiometry.disc_falloff` against cos4.
+    """
+    require.must(rim_distance >= 0, "rim_distance", rim_distance, "0 or above")
+    if not object_distance > rim_distance:
+        raise ValueError(f"object_distance is {object_distance} mm; it must be beyond the rim, {rim_distance} mm")
+    wider = 1.0 / (1.0 - rim_distance / object_distance)
+    shadow = wider * rim_radius
+    if shadow < pupil_radius:
+        raise ValueError(
+            f"rim_radius is {rim_radius:g} mm, but the beam of an axial point is {pupil_radius / wider:g} mm in radius there: the rim "
+            "would be the aperture stop; widen it, or give the f-number that it allows"
+        )
+    return overlap_of_discs(pupil_radius, shadow, wider * rim_distance * np.asarray(tan_angle))
+
+
+def chief_ray_angle(height_mm: Floats, exit_pupil_distance_mm: float) -> Floats:
+    """Angle (degrees) at which the ray through the centre of the exit pupil meets the sensor.
+
+    Parameters
+    ----------
+    height_mm : (...) array, mm
+        Distance from the axis.
+    exit_pupil_distance_mm : float, mm
+        In front of the sensor; inf for a telecentric lens; negative for a pupil behind the sensor, whose rays converge.
+
+    Raises
+    ------
+    ValueError
+        For a distance of 0 or NaN.
+    """
+    if not abs(exit_pupil_distance_mm) > 0:
+        raise ValueError(f"exit_pupil_distance is {exit_pupil_distance_mm}; it must not be 0")
+    return np.degrees(np.arctan(np.asarray(height_mm) / exit_pupil_distance_mm))
+
+
+def cosine_response(angle_deg: Floats, power: float) -> Floats:
+    """Relative response of a pixel to light from an angle, cos^power; 0 from 90 degrees on.
+
+    Parameters
+    ----------
+    angle_deg : (...) array, degrees
+        Off the direction for which the pixel is made.
+    power : float, 1
+        0 or above; 0: no dependence. 1 is the projected area of a flat detector.
+    """
+    require.must(power >= 0, "power", power, "0 or above")
+    cosine = np.cos(np.radians(np.minimum(np.abs(angle_deg), 90.0)))
+    return np.maximum(cosine, 0.0) ** power
+
+
+def table_at(where: Floats, nodes: FloatArray, values: FloatArray) -> Floats:
+    """A curve through a table: straight lines between its rows, its end values beyond them.
+
+    Parameters
+    ----------
+    where : (...) array
+    nodes : (n,) array
+        Ascending.
+    values : (n,) array
+
+    Returns
+    -------
+    (...) array
+        Exactly the table's value at its nodes; in the precision of ``where``.
+    """
+    where = np.asarray(where)
+    return np.interp(where, nodes, values).astype(np.result_type(where, np.float32), copy=False)
+
+
+def _segment(half_angle: Floats) -> Floats:
+    """(u - sin u)/2 for u = 2 x half_angle: area of a circular segment of a unit circle."""
+    u = 2.0 * np.asarray(half_angle)
+    squared = u * u
+    series: Any = 0.0
+    for k in (17, 15, 13, 11, 9, 7, 5):  # u^3/6 (1 - u^2/20 (1 - u^2/42 (...))); what is left out is below 1e-17 for u < 1.2
+        series = squared / ((k - 1) * k) * (1.0 - series)
+    return 0.5 * np.where(u < 1.2, u * squared / 6.0 * (1.0 - series), u - np.sin(u))

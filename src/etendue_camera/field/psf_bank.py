@@ -1,0 +1,350 @@
+"""Point spread functions by image height and wavelength: kept, interpolated, turned and resampled onto an image grid.
+
+In:  pictures of a point at several heights and wavelengths, from a design program, a wavefront or a measurement.
+Out: kernels on the image grid for any image point, each with a sum of exactly 1; files of the format below.
+Sources: rotational symmetry of a centred lens; the sampling theorem; spline interpolation (Unser, IEEE Signal
+Processing Magazine 16(6), 22, 1999).
+
+A bank holds the picture of a point that is imaged at ``(y, x) = (height, 0)``: the radial direction is +y. For any
+other image point it is turned about the axis of the lens.
+
+File formats
+------------
+``.npz``: arrays ``heights_um`` (K,), ``wavelengths_um`` (L,), ``psf`` (K, L, n, n) and ``spacing_um`` (() or (L,)); text
+``source`` if there is one.
+
+``.csv``: for each height and wavelength a line ``height_um,<h>,wavelength_um,<w>,spacing_um,<s>`` and below it n lines of
+n numbers, first line lowest y, first number lowest x. Lines that start with ``#`` are comments. Every height has every
+wavelength, and all pictures have the same n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, rounded
+
+FloatArray = NDArray[np.floating]
+
+_NEGATIVE_SHARE = 1e-2  # of the flux: more than measurement noise
+
+
+@dataclass(frozen=True, eq=False)
+class PsfBank:
+    """Pictures of a point by image height and wavelength.
+
+    Attributes
+    ----------
+    heights_um : (K,) array, um
+        Distances of the image points from the axis, growing; the first may be 0.
+    wavelengths_um : (L,) array, um
+        Growing.
+    psf : (K, L, n, n) array, 1
+        Axes height, wavelength, y, x, for an image point on the +y axis; the reference point (the ideal or chief-ray
+        image) is sample (n // 2, n // 2). Each picture is divided by its sum.
+    spacing_um : float or (L,) array, um
+        Between samples of a picture; kept as (L,).
+    source : str
+        Where it comes from, in words.
+    clipped : float, 1
+        Largest share of negative values (noise of a measurement) that was set to zero in a picture.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit each other, heights or wavelengths that do not grow, values that are not finite, a
+        picture without light, and negative values of more than a hundredth of a picture's flux.
+
+    Notes
+    -----
+    Between heights a picture is what rotational symmetry allows: its part that is even under a half turn is a function of
+    h^2, its odd part h times such a function; both go through the entries as cubics in h^2 with slopes from the
+    neighbours. Values below zero are set to zero, the sum to 1. Between wavelengths the neighbours are mixed linearly.
+    Beyond the first and the last entry the nearest holds; a bank that does not start at height 0 has no picture of its own on
+    the axis.
+    """
+
+    heights_um: FloatArray
+    wavelengths_um: FloatArray
+    psf: FloatArray
+    spacing_um: Any
+    source: str = ""
+    clipped: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        heights = _axis("heights_um", self.heights_um, lowest=0.0)
+        wavelengths = _axis("wavelengths_um", self.wavelengths_um, lowest=1e-12)
+        psf = np.array(self.psf, dtype=float)
+        if psf.ndim != 4 or psf.shape[:2] != (heights.size, wavelengths.size) or psf.shape[2] != psf.shape[3] or psf.shape[3] < 3:
+            raise ValueError(
+                f"psf has shape {psf.shape}; it must be (heights, wavelengths, n, n) = ({heights.size}, {wavelengths.size}, n, n), n >= 3"
+            )
+        spacing = np.asarray(self.spacing_um, dtype=float)
+        if spacing.shape not in ((), (1,), (wavelengths.size,)) or not np.all((spacing > 0) & np.isfinite(spacing)):
+            raise ValueError(f"spacing_um is {self.spacing_um}; it must be one length above 0 um, or one for each of the wavelengths")
+        if not np.isfinite(psf).all():
+            raise ValueError("psf holds values that are not finite")
+        below = -np.minimum(psf, 0.0).sum(axis=(2, 3))
+        psf = np.maximum(psf, 0.0)
+        total = psf.sum(axis=(2, 3))
+        if not np.all(total > 0):
+            raise ValueError(f"psf holds no light at (height, wavelength) number {tuple(int(i) for i in np.argwhere(~(total > 0))[0])}")
+        share = float((below / total).max())
+        if share > _NEGATIVE_SHARE:
+            raise ValueError(
+                f"psf has negative values of {share:.2g} of its flux; at most {_NEGATIVE_SHARE:g} is taken for noise: remove the background"
+            )
+        psf /= total[:, :, None, None]
+        for name, array in (
+            ("heights_um", heights),
+            ("wavelengths_um", wavelengths),
+            ("psf", psf),
+            ("spacing_um", np.broadcast_to(spacing, wavelengths.shape).copy()),
+        ):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "clipped", share)
+
+    @property
+    def nbytes(self) -> int:
+        return int(self.psf.nbytes)
+
+    def with_height(self, height_um: float) -> FloatArray:
+        """Pictures at one height, (L, n, n), still for an image point on the +y axis, on the bank's own samples."""
+        return self._at(np.array([float(height_um)]))[0]
+
+    def _at(self, heights: FloatArray) -> FloatArray:
+        """Pictures at any heights, (H, L, n, n)."""
+        own, psf = self.heights_um, self.psf
+        if own.size == 1:
+            return np.repeat(psf, heights.size, axis=0)
+        heights = np.clip(heights, own[0], own[-1])
+        turned = psf[:, :, ::-1, ::-1]
+        if psf.shape[-1] % 2 == 0:  # sample 0 has no partner
+            turned = np.roll(turned, 1, axis=(2, 3))
+        even, odd = 0.5 * (psf + turned), 0.5 * (psf - turned)
+        first = int(own[0] == 0)
+        odd[first:] /= own[first:, None, None, None]
+        if first:
+            odd[0] = odd[1]
+        weights = _cubic(own**2, heights**2)
+        found = np.tensordot(weights, even, axes=1) + heights[:, None, None, None] * np.tensordot(weights, odd, axes=1)
+        for k, height in enumerate(own):  # what was given stays as it was
+            found[heights == height] = psf[k]
+        np.maximum(found, 0.0, out=found)
+        return found / found.sum(axis=(2, 3), keepdims=True)
+
+    def roundness(self) -> float:
+        """Half the sum of absolute differences between the picture on the axis and its mean over all directions; 0 without one.
+
+        On the axis of a rotationally symmetric lens there is no direction: what is not round there is noise, or a lens out of
+        centre, which a bank cannot describe.
+        """
+        if self.heights_um[0] > 0:
+            return 0.0
+        return max(0.5 * float(np.abs(picture - rounded(picture)).sum()) for picture in self.psf[0])
+
+    def rounded(self) -> PsfBank:
+        """A bank with a round picture on the axis: pictures that are not the same after a quarter turn are averaged over directions."""
+        apart = max(0.5 * float(np.abs(p - quarter).sum()) for p, quarter in ((p, _quarter(p)) for p in self.psf[0]))
+        if self.heights_um[0] > 0 or apart <= 1e-9:
+            return self
+        psf = self.psf.copy()
+        psf[0] = [rounded(picture) for picture in psf[0]]
+        return PsfBank(self.heights_um, self.wavelengths_um, psf, self.spacing_um, self.source)
+
+    def refined(self, error: float) -> PsfBank:
+        """A bank with so many more heights that mixing neighbours linearly is wrong by no more than ``error``.
+
+        Half the sum of absolute differences, measured in the middle between two heights, and taken
+        twice because they may bend more elsewhere. At most 16 steps between two.
+        """
+        own = self.heights_um
+        if own.size == 1:
+            return self
+        middle = self._at(0.5 * (own[:-1] + own[1:]))
+        apart = 0.5 * np.abs(middle - 0.5 * (self.psf[:-1] + self.psf[1:])).sum(axis=(2, 3)).max(axis=1)
+        steps = np.clip(np.ceil(np.sqrt(2 * apart / error)), 1, 16).astype(int)
+        heights = np.concatenate(
+            [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(own[:-1], own[1:], steps, strict=True)] + [own[-1:]]
+        )
+        return self if heights.size == own.size else PsfBank(heights, self.wavelengths_um, self._at(heights), self.spacing_um, self.source)
+
+    def centroids(self) -> FloatArray:
+        """Mean position of each picture from its reference point, (K, L, 2) along y and x, um."""
+        step = np.arange(self.psf.shape[-1]) - self.psf.shape[-1] // 2
+        mean = np.stack([self.psf.sum(axis=3) @ step, self.psf.sum(axis=2) @ step], axis=-1)
+        return mean * self.spacing_um[:, None]
+
+    def radius(self, lost: float = 0.0) -> float:
+        """Radius around the reference point beyond which no picture holds more than ``lost`` of its flux, um.
+
+        At most that of the circle inside the pictures: what lies in their corners is not used.
+        """
+        n = self.psf.shape[-1]
+        step = np.arange(n) - n // 2
+        distance = np.hypot(step[:, None], step[None, :]).ravel()
+        order = np.argsort(distance, kind="stable")
+        inside = np.cumsum(self.psf.reshape(*self.psf.shape[:2], -1)[..., order], axis=-1)
+        needed = np.array(
+            [distance[order][np.minimum((one <= 1 - lost - 1e-15).sum(axis=-1), n * n - 1)].max() for one in inside.swapaxes(0, 1)]
+        )
+        return float((np.minimum(needed, (n - 1) // 2) * self.spacing_um).max())
+
+    def size(self, spacing: float, lost: float = 0.0, light: Light = "bandlimited") -> int:
+        """Samples along one side of a kernel on a grid of this spacing; odd."""
+        half = int(np.ceil(self.radius(lost) / spacing)) + 1
+        return 2 * (max(half, 5) if light == "bandlimited" else half) + 1
+
+    def kernel_at(
+        self, y_um: float, x_um: float, spacing: float, size: int | None = None, wavelengths_um: Any = None,
+        light: Light = "bandlimited", centre: Centre = "reference",
+    ) -> FloatArray:  # fmt: skip
+        """The point spread function of one image point on the image grid, (L, size, size).
+
+        Parameters
+        ----------
+        y_um, x_um : float, um
+            Image point, from the axis of the lens.
+        spacing : float, um
+            Of the image grid.
+        size : int, optional
+            Odd number of samples; the image point is sample (size // 2, size // 2). Default: all of the bank's circle.
+        wavelengths_um : (L,) array, um, optional
+            Default: the bank's own.
+        light, centre
+            As for ``Sampler``.
+        """
+        sampler = Sampler(self, spacing, size, light, centre)
+        own = sampler.kernels(np.array([float(y_um)]), np.array([float(x_um)]))[0]
+        return own if wavelengths_um is None else np.tensordot(self.mix(wavelengths_um), own, axes=1)
+
+    def mix(self, wavelengths_um: Any) -> FloatArray:
+        """Weights that make pictures at other wavelengths from the bank's own, (wavelengths, L); rows sum to 1."""
+        wanted = np.atleast_1d(np.asarray(wavelengths_um, dtype=float))
+        low, share = between(self.wavelengths_um, wanted)
+        weights = np.zeros((wanted.size, self.wavelengths_um.size))
+        rows = np.arange(wanted.size)
+        weights[rows, low] += 1 - share
+        weights[rows, np.minimum(low + 1, self.wavelengths_um.size - 1)] += share
+        return weights
+
+    def save(self, path: str | Path) -> None:
+        """Write ``.npz`` or ``.csv`` (see the head of this file)."""
+        path = Path(path)
+        if path.suffix == ".npz":
+            np.savez_compressed(
+                path,
+                heights_um=self.heights_um,
+                wavelengths_um=self.wavelengths_um,
+                psf=self.psf,
+                spacing_um=self.spacing_um,
+                source=np.array(self.source),
+            )
+            return
+        if path.suffix != ".csv":
+            raise ValueError(f"{path} ends in {path.suffix!r}; a bank is written as .npz or .csv")
+        with path.open("w", encoding="utf-8") as file:
+            file.writelines(f"# {line}\n" for line in self.source.splitlines())
+            for height, pictures in zip(self.heights_um, self.psf, strict=True):
+                for wavelength, spacing, picture in zip(self.wavelengths_um, self.spacing_um, pictures, strict=True):
+                    file.write(f"height_um,{float(height)!r},wavelength_um,{float(wavelength)!r},spacing_um,{float(spacing)!r}\n")
+                    file.writelines(",".join(repr(float(v)) for v in row) + "\n" for row in picture)
+
+    @classmethod
+    def load(cls, path: str | Path) -> PsfBank:
+        """Read ``.npz`` or ``.csv`` (see the head of this file)."""
+        path = Path(path)
+        if path.suffix == ".csv":
+            return _read_csv(path)
+        if path.suffix != ".npz":
+            raise ValueError(f"{path} ends in {path.suffix!r}; a bank is read from .npz or .csv")
+        with np.load(path, allow_pickle=False) as found:
+            missing = [name for name in ("heights_um", "wavelengths_um", "psf", "spacing_um") if name not in found]
+            if missing:
+                raise ValueError(f"{path} has no array {', '.join(missing)}; it must hold heights_um, wavelengths_um, psf and spacing_um")
+            source = str(found["source"]) if "source" in found else ""
+            return cls(found["heights_um"], found["wavelengths_um"], found["psf"], found["spacing_um"], source)
+
+
+def _quarter(picture: FloatArray) -> FloatArray:
+    """Turned by a right angle about sample n // 2."""
+    turned = np.rot90(picture)
+    return np.roll(turned, 1, axis=0) if picture.shape[0] % 2 == 0 else turned
+
+
+def _axis(name: str, values: Any, lowest: float) -> FloatArray:
+    axis = np.array(values, dtype=float)
+    if axis.ndim != 1 or axis.size < 1 or not np.isfinite(axis).all() or not np.all(np.diff(axis) > 0) or axis[0] < lowest:
+        raise ValueError(f"{name} is {values}; it must be one-dimensional, finite, growing and not below {lowest:g} um")
+    return axis
+
+
+def _cubic(nodes: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Weights (wanted, nodes) of a cubic between each two nodes, slopes those of the parabola through a node and its neighbours."""
+    count, steps = nodes.size, np.diff(nodes)
+    each = np.zeros((count - 1, count))  # slopes of the chords
+    rows = np.arange(count - 1)
+    each[rows, rows], each[rows, rows + 1] = -1 / steps, 1 / steps
+    slopes = np.empty((count, count))
+    if count == 2:
+        slopes[:] = each[0]
+    else:
+        share = (steps[:-1] / (steps[:-1] + steps[1:]))[:, None]
+        slopes[1:-1] = (1 - share) * each[:-1] + share * each[1:]
+        slopes[0], slopes[-1] = 2 * each[0] - slopes[1], 2 * each[-1] - slopes[-2]
+    low, t = between(nodes, wanted)
+    t, step = t[:, None], steps[low][:, None]
+    unit = np.eye(count)
+    return (
+        (1 + 2 * t) * (1 - t) ** 2 * unit[low]
+        + t * (1 - t) ** 2 * step * slopes[low]
+        + t**2 * (3 - 2 * t) * unit[low + 1]
+        + t**2 * (t - 1) * step * slopes[low + 1]
+    )
+
+
+def _read_csv(path: Path) -> PsfBank:
+    blocks: dict[tuple[float, float], tuple[float, list[list[float]]]] = {}
+    rows: list[list[float]] | None = None
+    comments = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        if line.startswith("#"):
+            comments.append(line[1:].strip())
+            continue
+        cells = [cell.strip() for cell in line.split(",")]
+        if not any(cells):
+            continue
+        try:
+            if cells[0] == "height_um":
+                if cells[2::2] != ["wavelength_um", "spacing_um"]:
+                    raise ValueError("expected height_um,<h>,wavelength_um,<w>,spacing_um,<s>")
+                height, wavelength, spacing = (float(cell) for cell in cells[1::2])
+                if (height, wavelength) in blocks:
+                    raise ValueError(f"height {height:g} um, wavelength {wavelength:g} um stands there twice")
+                rows = []
+                blocks[height, wavelength] = (spacing, rows)
+            elif rows is None:
+                raise ValueError("numbers before the first line height_um,<h>,wavelength_um,<w>,spacing_um,<s>")
+            else:
+                rows.append([float(cell) for cell in cells])
+        except ValueError as error:
+            raise ValueError(f"{path}, line {number}: {error}") from None
+    heights, wavelengths = (sorted({key[i] for key in blocks}) for i in (0, 1))
+    if not blocks or len(blocks) != len(heights) * len(wavelengths):
+        raise ValueError(
+            f"{path} has {len(blocks)} pictures for {len(heights)} heights and {len(wavelengths)} wavelengths; it needs each pair"
+        )
+    spacings = [{blocks[h, w][0] for h in heights} for w in wavelengths]
+    if any(len(s) > 1 for s in spacings):
+        raise ValueError(f"{path}: pictures of one wavelength have different spacings")
+    shapes = {(len(rows), len(row)) for _, rows in blocks.values() for row in rows}
+    if len(shapes) != 1 or len({*next(iter(shapes))}) != 1:
+        raise ValueError(f"{path}: pictures must all have the same number of lines and of numbers in a line, found {sorted(shapes)}")
+    psf = np.array([[blocks[h, w][1] for w in wavelengths] for h in heights])
+    return PsfBank(np.array(heights), np.array(wavelengths), psf, np.array([s.pop() for s in spacings]), "\n".join(comments))

@@ -1,0 +1,107 @@
+"""Fall-off: less light off the axis.
+
+In:  ``irradiance`` on the image plane.
+Out: ``irradiance``, each place with the factor of its angle or of a table.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Banded, Bounded, Facts, Grid, measured, param
+from etendue_camera.field.stages.illumination import Dimming, by_curves, farthest, nearest
+from etendue_camera.field.stages.tables import FieldTable, field_table
+from etendue_camera.light import radiometry
+
+
+@dataclass(frozen=True, kw_only=True)
+class Falloff(Dimming, Banded, Bounded):
+    """Less light off the axis: cos4, the exact Lambertian disc, or a table of relative illumination."""
+
+    role: ClassVar = "falloff"
+    once: ClassVar = ("fall-off",)
+    keeps: ClassVar = ("order",)
+    nanoseconds: ClassVar = 2.0
+    working: ClassVar = 0.5
+    error: ClassVar = measured(2e-7, 4e-15)
+
+    model: str = param(
+        "cos4", choices=("cos4", "disc", "table"), doc="cos4 of the image-side angle, the exact disc of its f-number, or a table"
+    )
+    table: str = param(
+        "",
+        table=True,
+        doc="CSV height_mm,ratio or angle_deg,ratio, or columns by wavelength (height_mm,450,550,650)",
+    )
+    geometry: str = param(
+        "physical", choices=("physical", "paper"), doc="angles from positions, or the paper's full field stretched over the frame"
+    )
+    full_field: float = param(60.0, units="deg", above=0, below=170, doc="field over the diagonal of the frame (geometry 'paper')")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.model == "table") != bool(self.table):
+            raise ValueError(f"model is {self.model!r} and table is {self.table!r}; a table goes with model = 'table', and only with it")
+
+    def rows(self) -> FieldTable:
+        return field_table(self.table, ("height_mm", "angle_deg"))
+
+    def tangent(self, radius_um: Any, corner_um: float) -> Any:
+        """Of the angle at which the light of the exit pupil's centre arrives."""
+        if self.geometry == "paper":
+            return radius_um * (math.tan(math.radians(0.5 * self.full_field)) / corner_um if corner_um > 0 else 0.0)
+        return radius_um / (1e3 * self.pupil_distance())
+
+    def relative(self, tangent: Any) -> Any:
+        if self.model == "disc":
+            return radiometry.disc_falloff(self.f_number, tangent, self.image_magnification(), self.pupil_magnification)
+        return radiometry.cos4(tangent)
+
+    def place(self, radius_um: Any, corner_um: float) -> Any:
+        """Where in the table a radius is: image height in mm, or field angle on the object's side in degrees."""
+        if self.rows().axis == "height_mm":
+            return np.asarray(radius_um) * 1e-3
+        sideways = self.pupil_magnification if self.geometry == "physical" else 1.0
+        return np.degrees(np.arctan(sideways * np.asarray(self.tangent(radius_um, corner_um))))
+
+    def bounds(self, grid: Grid) -> tuple[float, float]:
+        """Smallest and largest relative illumination over the frame."""
+        corner = farthest(grid)
+        if self.model == "table":
+            return self.rows().range(float(self.place(nearest(grid), corner)), float(self.place(corner, corner)))
+        return float(self.relative(np.array(self.tangent(corner, corner)))), 1.0
+
+    def assumes(self) -> dict[str, Any]:
+        if self.model == "table":
+            return {"the fall-off": ("that of", self.table)}
+        return {"the fall-off": (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))}
+
+    def prepare(self, coordinates: Any) -> Any:
+        return self.rows().curves(coordinates["wavelength"]) if self.model == "table" else np.ones((1, 1))
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared if len(prepared) == 1 else prepared[bands]
+
+    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+        radius = np.hypot(y_um[:, None], x_um[None, :])
+        corner = math.hypot(max(abs(y_um[0]), abs(y_um[-1])), max(abs(x_um[0]), abs(x_um[-1])))
+        if self.model == "table":
+            return {"irradiance": by_curves(irradiance, self.place(radius, corner), self.rows().nodes, prepared)}
+        return {"irradiance": irradiance * self.relative(self.tangent(radius, corner)).astype(irradiance.dtype)}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
+        low, high = self.bounds(grid)
+        return max(1.0 - low, high - 1.0), "the field is so small that fall-off stays below this at the corner"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=self.model != "table")
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if self.model != "table":
+            return []
+        corner, bands = farthest(grids["irradiance"]), grids["irradiance"].bands().values()
+        return self.rows().remarks(float(self.place(corner, corner)), "mm" if self.rows().axis == "height_mm" else "degrees", bands)

@@ -1,0 +1,192 @@
+"""What the field does to the light besides fall-off: beams cut by a rim, and pixels that see the light at an angle.
+
+In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1, and its positions relative to the optical axis.
+Out: ``irradiance``, weaker away from the axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Banded, Bounded, Facts, Grid, measured, param
+from etendue_camera.field import illumination
+from etendue_camera.field.stages.tables import FieldTable, field_table
+from etendue_camera.optics.stages.conjugates import Conjugates
+
+
+def farthest(grid: Grid) -> float:
+    """Distance (um) of the farthest sample of a grid from the axis."""
+    far = []
+    for dim in ("y", "x"):
+        line = grid.line(dim)
+        start, step = line.um()
+        far.append(max(abs(start), abs(start + step * (line.size - 1))))
+    return math.hypot(*far)
+
+
+def nearest(grid: Grid) -> float:
+    """Distance (um) of the nearest point of a grid from the axis, or less."""
+    near = []
+    for dim in ("y", "x"):
+        line = grid.line(dim)
+        start, step = line.um()
+        ends = start, start + step * (line.size - 1)
+        near.append(0.0 if min(ends) <= 0 <= max(ends) else min(abs(ends[0]), abs(ends[1])))
+    return math.hypot(*near)
+
+
+def by_curves(irradiance: Any, where: Any, nodes: Any, curves: Any) -> Any:
+    """Light times a curve over the field: (1 or wavelength, rows) values at nodes, looked up at (y, x) places."""
+    if len(curves) == 1:
+        return irradiance * illumination.table_at(where, nodes, curves[0]).astype(irradiance.dtype, copy=False)
+    weakened = np.empty_like(irradiance)
+    for band, curve in enumerate(curves):
+        np.multiply(irradiance[band], illumination.table_at(where, nodes, curve), out=weakened[band], casting="same_kind")
+    return weakened
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dimming(Conjugates):
+    """What weakens the light from place to place, and does nothing else to it."""
+
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    pointwise: ClassVar = True
+    gain: ClassVar = 1.0
+    negative: ClassVar = "keep"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vignetting(Dimming, Banded, Bounded):
+    """A round rim in front of the entrance pupil cuts oblique beams: the overlap of two discs, less of it when stopped down.
+
+    It multiplies whatever fall-off stands beside it.
+    """
+
+    role: ClassVar = "vignetting"
+    nanoseconds: ClassVar = 3.0
+    working: ClassVar = 0.5
+    error: ClassVar = measured(2e-7, 1e-14)
+
+    rim_radius: float = param(math.inf, units="mm", above=0, infinite=True, doc="radius of the rim; inf: no rim")
+    rim_distance: float = param(0.0, units="mm", at_least=0, doc="from the rim to the entrance pupil behind it")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.relative(0.0)
+
+    def relative(self, radius_um: Any) -> Any:
+        """Share of the pupil that is open, by image height."""
+        magnification = self.image_magnification()
+        slower = 1.0 - magnification / self.pupil_magnification
+        tangent = np.asarray(radius_um) * (1e-3 / (self.focal_length * slower))  # on the object's side
+        distance = self.focal_length * slower / -magnification if magnification else math.inf
+        return illumination.vignetting(tangent, 0.5 * self.focal_length / self.f_number, self.rim_radius, self.rim_distance, distance)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared
+
+    def run(self, irradiance: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+        return {"irradiance": irradiance * self.relative(np.hypot(y_um[:, None], x_um[None, :])).astype(irradiance.dtype)}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
+        return 1.0 - float(self.relative(farthest(grid))), "the rim takes no more than this from the beam of the corner"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        lowest = float(self.relative(farthest(grid["irradiance"])))
+        return facts["irradiance"].scaled(lowest, 1.0)
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if float(self.relative(farthest(grids["irradiance"]))) > 0:
+            return []
+        return [f"behind a rim of {self.rim_radius:g} mm, {self.rim_distance:g} mm in front of the pupil, the corner of the frame is black"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AngularResponse(Dimming, Banded, Bounded):
+    """Pixels see less of the light that comes at an angle for which their microlenses are not made; 1 on the axis."""
+
+    role: ClassVar = "angular response"
+    once: ClassVar = ("angular response",)
+    nanoseconds: ClassVar = 3.0
+    error: ClassVar = measured(3e-7, 1e-14)
+
+    power: float = param(0.0, at_least=0, at_most=1e3, doc="response cos^power of the angle off; 0: none. 0.8 at 30 degrees is power 1.55")
+    table: str = param("", table=True, doc="CSV angle_deg,ratio or angle_deg,450,550,650 (by wavelength, nm) in place of the power")
+    exit_pupil_distance: float = param(
+        0.0, units="mm", at_least=0, infinite=True,
+        doc="from the exit pupil to the sensor; 0: that of the camera's pupils, f (m_p - m); inf: telecentric",
+    )  # fmt: skip
+    microlens_shift: float = param(0.0, units="deg/mm", doc="chief-ray angle for which a pixel is made, by its distance from the axis")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.table and self.power:
+            raise ValueError("power and table are both given; the response is one or the other")
+
+    def assumes(self) -> dict[str, Any]:
+        return {"the response by angle": ("that of", self.table) if self.table else ("power", self.power)}
+
+    def distance(self) -> float:
+        return self.exit_pupil_distance or self.pupil_distance()
+
+    def angle(self, radius_um: Any) -> Any:
+        """Of the chief ray against the direction for which the pixel there is made, degrees."""
+        height = np.asarray(radius_um) * 1e-3
+        return illumination.chief_ray_angle(height, self.distance()) - self.microlens_shift * height
+
+    def rows(self) -> FieldTable:
+        return field_table(self.table, ("angle_deg",))
+
+    def folded(self, angle: Any) -> Any:
+        """A table that begins on the axis holds for either side."""
+        return np.abs(angle) if self.rows().nodes[0] >= 0 else angle
+
+    def bounds(self, grid: Grid) -> tuple[float, float]:
+        """Lower and upper bound of the response over the frame."""
+        radii = np.linspace(nearest(grid), farthest(grid), 257)
+        angles = self.angle(radii)
+        # between two of the radii the angle moves by no more than this: slopes of the arctangent and of the profile
+        slack = (math.degrees(1.0 / self.distance()) + abs(self.microlens_shift)) * 1e-3 * float(radii[1] - radii[0])
+        if self.table:
+            places = self.folded(angles)
+            return self.rows().range(float(places.min()) - slack, float(places.max()) + slack)
+        worst = max(abs(float(angles.min())), abs(float(angles.max()))) + slack
+        return float(illumination.cosine_response(worst, self.power)), 1.0
+
+    def does_nothing(self) -> bool:
+        return not self.table and self.power == 0
+
+    def prepare(self, coordinates: Any) -> Any:
+        return self.rows().curves(coordinates["wavelength"]) if self.table else np.ones((1, 1))
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared if len(prepared) == 1 else prepared[bands]
+
+    def run(self, irradiance: Any, y_um: Any, x_um: Any, prepared: Any) -> dict[str, Any]:
+        angle = self.angle(np.hypot(y_um[:, None], x_um[None, :]))
+        if self.table:
+            return {"irradiance": by_curves(irradiance, self.folded(angle), self.rows().nodes, prepared)}
+        return {"irradiance": irradiance * illumination.cosine_response(angle, self.power).astype(irradiance.dtype)}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
+        if self.does_nothing():
+            return 0.0, "pixels see light from any angle alike"
+        low, high = self.bounds(grid)
+        return max(1.0 - low, high - 1.0), "the response stays this close to that on the axis"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        if self.does_nothing():
+            return facts["irradiance"]
+        return facts["irradiance"].scaled(*self.bounds(grid["irradiance"]), smooth=not self.table)
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if not self.table:
+            return []
+        radii = np.linspace(0.0, farthest(grids["irradiance"]), 257)
+        bands = grids["irradiance"].bands().values()
+        return self.rows().remarks(float(np.max(self.folded(self.angle(radii)))), "degrees", bands)

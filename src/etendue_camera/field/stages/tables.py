@@ -1,0 +1,120 @@
+"""Curves over the field from CSV files: relative illumination, response by angle; one column, or one per wavelength.
+
+In:  the path of a CSV file, what its first column may be.
+Out: the curve, remembered until the file changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.stage import file_state
+from etendue_camera.field.illumination import table_at
+
+
+@dataclass(frozen=True)
+class FieldTable:
+    """Rows of a table. ``wavelengths`` is empty where one column serves all."""
+
+    path: str
+    axis: str
+    nodes: Any
+    values: Any  # (rows, columns)
+    wavelengths: tuple[float, ...]
+
+    def centre(self) -> Any:
+        """Each column at 0."""
+        return np.array([float(table_at(0.0, self.nodes, column)) for column in self.values.T])
+
+    def curves(self, wavelength_nm: Any) -> Any:
+        """(wavelength or 1, rows): each column over its value at 0, straight between columns, held beyond them."""
+        relative = self.values / self.centre()
+        if not self.wavelengths:
+            return relative.T
+        return np.stack([np.interp(wavelength_nm, self.wavelengths, row) for row in relative], axis=1)
+
+    def range(self, low: float, high: float) -> tuple[float, float]:
+        """Smallest and largest relative value of any column between two places."""
+        inside = self.nodes[(self.nodes > low) & (self.nodes < high)]
+        places = np.concatenate([[low], inside, [high]])
+        found = np.array([table_at(places, self.nodes, column) for column in (self.values / self.centre()).T])
+        return float(found.min()), float(found.max())
+
+    def remarks(self, reach: float, unit: str, bands_nm: list[float]) -> list[str]:
+        """What a user should know: a table that is not 1 on the axis, a frame or light that it does not cover."""
+        found, centre = [], self.centre()
+        if np.any(np.abs(centre - 1) > 1e-9):
+            found.append(f"{self.path} is {', '.join(f'{value:.6g}' for value in centre)} on the axis, not 1: it is divided by that")
+        if reach > self.nodes[-1] * (1 + 1e-9):
+            found.append(f"{self.path} ends at {self.nodes[-1]:g}, the frame's corner is at {reach:.4g} {unit}: its last value holds")
+        if len(self.wavelengths) > 1:
+            first, last = self.wavelengths[0], self.wavelengths[-1]
+            before, behind = (0.5 * (self.wavelengths[i + 1] - self.wavelengths[i]) for i in (0, -2))
+            if bands_nm[0] < first - before or bands_nm[-1] > last + behind:
+                found.append(f"{self.path} has {first:g} to {last:g} nm; beyond them the nearest column holds")
+        return found
+
+
+def field_table(path: str, axes: tuple[str, ...]) -> FieldTable:
+    """Read ``<axis>,ratio`` or ``<axis>,450,550,650`` (columns by wavelength, nm).
+
+    Raises
+    ------
+    ValueError
+        A broken file, naming file and line: another first column, rows that do not ascend, values that are not finite or are
+        negative, nothing on the axis.
+    """
+    return _read(path, axes, file_state(path))
+
+
+@lru_cache(maxsize=64)
+def _read(path: str, axes: tuple[str, ...], state: tuple[int, int]) -> FieldTable:
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            numbered = [(n, line.partition("#")[0].strip()) for n, line in enumerate(file, 1)]
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    lines = [(n, [cell.strip() for cell in text.split(",")]) for n, text in numbered if text]
+    expected = " or ".join(f"'{axis},ratio'" for axis in axes) + ", or wavelengths in nm in place of 'ratio'"
+    if not lines or lines[0][1][0] not in axes or len(lines[0][1]) < 2:
+        raise ValueError(f"{path}: expected a header {expected}")
+    header = lines[0][1]
+    rows: list[list[float]] = []
+    for number, cells in lines[1:]:
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            row = []
+        if len(row) != len(header) or not np.all(np.isfinite(row)):
+            raise ValueError(f"{path}, line {number}: expected {len(header)} finite numbers, got {','.join(cells)!r}")
+        if rows and row[0] <= rows[-1][0]:
+            raise ValueError(f"{path}, line {number}: {header[0]} {row[0]:g} does not ascend from {rows[-1][0]:g}")
+        if min(row[1:]) < 0:
+            raise ValueError(f"{path}, line {number}: a ratio below 0")
+        rows.append(row)
+    if len(rows) < 2:
+        raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    wavelengths: tuple[float, ...] = ()
+    if len(header) > 2 or _number(header[1]) is not None:
+        found = [_number(name) for name in header[1:]]
+        if None in found or any(b <= a for a, b in pairwise(found)):  # type: ignore[operator]
+            raise ValueError(f"{path}: columns {', '.join(header[1:])}; several columns are wavelengths in nm, ascending")
+        wavelengths = tuple(found)  # type: ignore[arg-type]
+    table = np.array(rows)
+    table.flags.writeable = False
+    read = FieldTable(path, header[0], table[:, 0], table[:, 1:], wavelengths)
+    if not (read.nodes[0] <= 0 <= read.nodes[-1]) or np.any(read.centre() <= 0):
+        raise ValueError(f"{path}: needs a row at {header[0]} 0 with ratios above 0: everything is relative to the axis")
+    return read
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

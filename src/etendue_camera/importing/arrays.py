@@ -1,0 +1,141 @@
+"""Cubes in files of arrays: NumPy's, MATLAB's (those of ISETCam by their own names), HDF5.
+
+In:  a path, the name of the array where there are several.
+Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue import plain_files
+from etendue.errors import RequestError, nearest
+from etendue_camera.importing.cube import Cube, needed
+
+WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
+
+
+def numpy_array(path: Path, variable: str) -> Cube:
+    """``.npy``: one array, no names."""
+    return Cube(np.array(np.load(path, mmap_mode="r", allow_pickle=False)))  # a file that is shorter than it says is refused at once
+
+
+def numpy_arrays(path: Path, variable: str) -> Cube:
+    """``.npz``: the one array of three axes, and wavelengths by their name."""
+    with zipfile.ZipFile(path) as parts:
+        for part in parts.infolist():
+            plain_files.refuse_unfolding(part.file_size, part.compress_size, part.filename)
+    with np.load(path, allow_pickle=False) as file:
+        return chosen({name: file[name] for name in file.files}, variable, str(path))
+
+
+def hdf5(path: Path, variable: str) -> Cube:
+    """HDF5: the one data set of three axes, wherever it lies, and wavelengths by their name."""
+    h5py = needed("h5py", f"{path} (HDF5)")
+    with h5py.File(path, "r") as file:
+        return chosen(_datasets(file, h5py), variable, str(path))
+
+
+def matlab(path: Path, variable: str) -> Cube:
+    """``.mat`` of any version; what ISETCam calls a scene or a multispectral picture is known by its names."""
+    import scipy
+
+    try:
+        size = sum(math.prod(shape) * 8 for _, shape, _ in scipy.io.whosmat(path))
+        plain_files.refuse_unfolding(size, path.stat().st_size, "it")
+        held: Mapping[str, Any] = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError:  # version 7.3 is HDF5, whose axes MATLAB writes in reverse
+        h5py = needed("h5py", f"{path} (MATLAB 7.3)")
+        with h5py.File(path, "r") as file:
+            held = {name: array.T for name, array in _datasets(file, h5py).items()}
+    named = {name: value for name, value in held.items() if not name.startswith("__")}
+    found = None if variable else _isetcam(named)
+    if found is not None:
+        return found
+    return chosen(
+        {name: np.asarray(value) for name, value in named.items() if isinstance(value, np.ndarray | float | int)}, variable, str(path)
+    )
+
+
+def chosen(arrays: Mapping[str, Any], variable: str, path: str) -> Cube:
+    """The array that is asked for, or the one with three axes.
+
+    Raises
+    ------
+    RequestError
+        There is none, or more than one.
+    """
+    cubes = [name for name, array in arrays.items() if array.ndim == 3]
+    if variable and variable not in arrays:
+        raise RequestError(f"{path} holds no {variable!r}{nearest(variable, arrays)}")
+    if not variable and len(cubes) != 1:
+        what = (
+            f"several arrays of three axes, {', '.join(cubes)}"
+            if cubes
+            else f"no array of three axes, only {', '.join(arrays) or 'nothing'}"
+        )
+        raise RequestError(f"{path} holds {what}; name one: --variable NAME")
+    values = arrays[variable or cubes[0]]
+    return spectral(values, next((a.ravel() for n, a in arrays.items() if n.rpartition("/")[2].lower() in WAVELENGTHS), None))
+
+
+def spectral(values: Any, wavelength: Any) -> Cube:
+    """With the axis of wavelengths in front: the one of their number, the last where two have it."""
+    if wavelength is None or values.ndim != 3:
+        return Cube(values, wavelength)
+    axes = [axis for axis in (2, 0, 1) if values.shape[axis] == len(wavelength)]
+    return Cube(np.moveaxis(values, axes[0], 0) if axes else values, wavelength)
+
+
+def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
+    """All numbers of a file itself; what it names in other files is refused."""
+    found: dict[str, Any] = {}
+
+    def take(name: str, one: Any) -> None:
+        if isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu":
+            if one.is_virtual or one.external:
+                raise RequestError(f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or h5py")
+            plain_files.refuse_unfolding(one.size * one.dtype.itemsize, one.id.get_storage_size(), name)
+            found[name] = one[()]
+
+    file.visititems(take)
+    return found
+
+
+def _isetcam(named: Mapping[str, Any]) -> Cube | None:
+    """A scene of ISETCam, or a multispectral file of it: photons s-1 sr-1 m-2 nm-1, (y, x, wavelength).
+
+    Such files hold the photons themselves, or coefficients of a basis (and perhaps a mean) whose product they are.
+    """
+    scene: Any = named.get("scene")
+    if hasattr(scene, "data") and hasattr(scene.data, "photons"):
+        wave = scene.spectrum.wave if hasattr(scene, "spectrum") else scene.data.wave
+        light = getattr(scene, "illuminant", None)
+        return _photons(scene.data.photons, wave, light, "a scene of ISETCam")
+    if "photons" in named and ("wave" in named or "basis" in named):
+        return _photons(named["photons"], named.get("wave", getattr(named.get("basis"), "wave", None)), named.get("illuminant"), "ISETCam")
+    basis: Any = named.get("basis")
+    if "mcCOEF" in named and hasattr(basis, "basis"):
+        photons = np.asarray(named["mcCOEF"], float) @ np.asarray(basis.basis, float).T
+        if "imgMean" in named:
+            photons = photons + np.ravel(named["imgMean"])
+        return _photons(np.maximum(photons, 0.0), basis.wave, named.get("illuminant"), "a multispectral picture of ISETCam")
+    return None
+
+
+def _photons(photons: Any, wave: Any, illuminant: Any, what: str) -> Cube:
+    wave = np.ravel(np.asarray(wave, float))
+    light: Any = getattr(illuminant, "data", None)
+    light = getattr(light, "photons", light)
+    white = None
+    if isinstance(light, np.ndarray) and light.dtype.kind in "fiu" and light.size == wave.size:
+        white = np.ravel(light).astype(float)
+        if not hasattr(getattr(illuminant, "data", None), "photons"):  # older files: energy
+            white = white * wave * 1e-9 / (6.62607015e-34 * 299792458.0)
+    return Cube(np.moveaxis(np.asarray(photons), 2, 0), wave, "photons", white, (what,))

@@ -1,0 +1,83 @@
+"""Cubes in files of pictures: ENVI, spectral OpenEXR, TIFF of several pages.
+
+In:  a path.
+Out: a ``Cube``, wavelength in front.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue import plain_files
+from etendue.errors import RequestError
+from etendue_camera.importing.cube import Cube, needed
+from etendue_camera.picture_files import check_directories
+
+TO_NM = {"nanometers": 1.0, "nm": 1.0, "micrometers": 1e3, "um": 1e3, "microns": 1e3, "angstroms": 0.1, "meters": 1e9}
+_LAYER = re.compile(r"(?:S0|S|T)?\.?(\d+(?:[.,]\d+)?)\s*nm", re.IGNORECASE)
+
+
+def envi(path: Path, variable: str) -> Cube:
+    """ENVI: the header, which names the file of numbers; wavelengths where it has them, a scale factor applied."""
+    reader = needed("spectral.io.envi", f"{path} (ENVI)")
+    image = reader.open(str(path))
+    plain_files.refuse_unfolding(math.prod(image.shape) * np.dtype(image.dtype).itemsize, Path(image.filename).stat().st_size, "it")
+    values = np.moveaxis(np.asarray(image.load(scale=False)), 2, 0)
+    header = {key.lower(): value for key, value in image.metadata.items()}
+    wavelength, unit = header.get("wavelength"), str(header.get("wavelength units", "")).strip().lower()
+    told: tuple[str, ...] = ()
+    if wavelength is not None:
+        centres = np.array([float(one) for one in wavelength])
+        if unit not in TO_NM:
+            unit = "micrometers" if centres.max() < 100 else "nanometers"
+            told = (f"wavelengths taken as {unit}, of which the header does not say the unit",)
+        wavelength = centres * TO_NM[unit]
+    factor = float(header.get("reflectance scale factor", 0) or 0)
+    return Cube(values / np.float32(factor) if factor else values, wavelength, "relative" if factor else "", None, told)
+
+
+def openexr(path: Path, variable: str) -> Cube:
+    """OpenEXR with a layer for each wavelength: names such as ``S0.550,5nm`` (ART's form), ``w550nm``."""
+    reader = needed("OpenEXR", f"{path} (OpenEXR)")
+    with reader.File(str(path), header_only=True) as file:
+        header = file.header()
+        low, high = header["dataWindow"]
+        pixels = math.prod(int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+        plain_files.refuse_unfolding(4 * pixels * len(header["channels"]), path.stat().st_size, "it")
+    with reader.File(str(path), separate_channels=True) as file:
+        layers = {name: channel.pixels for name, channel in file.channels().items()}
+    found: dict[float, Any] = {}
+    for name, pixels in layers.items():
+        match = _LAYER.search(name)
+        if match and not name.upper().startswith(("S1", "S2", "S3")):  # Stokes components beyond the first: polarisation
+            found[float(match[1].replace(",", "."))] = pixels
+    if not found:
+        raise RequestError(f"{path} holds {', '.join(sorted(layers)[:6])}: no layers named by wavelengths, such as S0.550,0nm")
+    emissive = any(name.upper().startswith("S0") for name in layers)
+    centres = sorted(found)
+    return Cube(np.stack([found[one] for one in centres]), np.array(centres), "radiance" if emissive else "")
+
+
+def tiff(path: Path, variable: str) -> Cube:
+    """A TIFF file with a page for each band; whole numbers are taken as shares of their largest."""
+    import tifffile
+
+    check_directories(path)
+    with tifffile.TiffFile(path) as file:
+        size = sum(math.prod(series.shape) * series.dtype.itemsize for series in file.series if series.dtype is not None)
+    plain_files.refuse_unfolding(size, path.stat().st_size, "it")
+    values = tifffile.imread(path)
+    if values.ndim == 2:
+        values = values[None]
+    if values.ndim == 3 and values.shape[2] <= 4 < values.shape[0]:
+        raise RequestError(f"{path} holds colours ({values.shape}), no spectra; the stage photograph takes pictures")
+    told: tuple[str, ...] = ()
+    if values.dtype.kind == "u":
+        top = float(np.iinfo(values.dtype).max)
+        values, told = values / np.float32(top), (f"whole numbers divided by {top:.0f}",)
+    return Cube(values, None, "", None, told)

@@ -1,0 +1,89 @@
+"""What etendue itself brings, by the same hooks as any distribution.
+
+In:  the tables in ``data/``.
+Out: stages, variables, camera quantities, sensors, roles and spectra by name.
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from etendue.plugins.hookspecs import LIBRARY, hookimpl
+
+DATA = Path(__file__).parent / "data"
+
+
+def _table(name: str) -> dict[str, Any]:
+    return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@hookimpl
+def etendue_stages() -> dict[str, str]:
+    return {name: f"{module}:{kind}" for module, kinds in _table("stages").items() for name, kind in kinds.items()}
+
+
+@hookimpl
+def etendue_variables() -> dict[str, Any]:
+    found = {name: dict(declared) for name, declared in _table("variables").items()}
+    for word, names in _table("better").items():
+        for name in names:
+            found[name]["better"] = word
+    for word, names in _table("subjects").items():
+        for rank, name in enumerate(names):
+            found[name] |= {"subject": word, "rank": rank}
+    return found
+
+
+@hookimpl
+def etendue_quantities() -> dict[str, Any]:
+    return _table("quantities")
+
+
+@hookimpl
+def etendue_sensors() -> dict[str, Path]:
+    return {path.stem: path for path in (DATA / "sensors").glob("*.toml")}
+
+
+@hookimpl
+def etendue_roles() -> dict[str, str]:
+    return _table("roles")
+
+
+@hookimpl
+def etendue_spectra() -> dict[str, str]:
+    rows = csv.reader(line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#")
+    return {"flat": LIBRARY, **{name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}}
+
+
+@hookimpl
+def etendue_commands() -> dict[str, Any]:
+    return {
+        "sensors": {
+            "place": "etendue_camera.cli.catalogue:sensors",
+            "usage": "[NAME]",
+            "doc": "sensors whose parameters are published",
+        },
+        "export": {
+            "place": "etendue_camera.cli.exports:export",
+            "usage": "DIR --dng",
+            "doc": "raw files that other converters open; pictures",
+        },
+        "import": {
+            "place": "etendue_camera.cli.imports:take",
+            "usage": "CUBE",
+            "doc": "a spectral cube of another program as a scene",
+        },
+    }
+
+
+@hookimpl
+def etendue_methods() -> dict[str, str]:
+    return {"Archive.export": "etendue_camera.export.archived:export"}
+
+
+@hookimpl
+def etendue_seen() -> dict[str, str]:
+    return {name: f"etendue_camera.seen:of_{name}" for name in ("wavelength", "channel", "pattern")}

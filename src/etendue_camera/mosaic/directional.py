@@ -1,0 +1,128 @@
+"""Colour differences estimated along rows and along columns, mixed by how alike they stay along either.
+
+In:  Bayer mosaic (y, x), linear, in any unit; its pattern.
+Out: planes (3, y, x) of red, green, blue in the same unit; measured samples untouched.
+Sources: the seed paper, section 2.7, describes interpolation in colour-difference spaces and cites a method whose title
+adds "direction similarity" in them. This is our reconstruction of that idea from those words, and not the published
+method. The directional estimate is Hamilton and Adams' (US patent 5629734, 1997).
+
+For the row through a pixel (columns alike, all signs as at a red or blue site):
+
+1. p(x) = m(x-1) + m(x+1), and 4 K(x) = 2 p(x) - p(x-1) - p(x+1): green minus the other colour of that row, of
+   opposite sign at green sites. The taps on the mosaic are [-1, 2, -2, 2, -1] / 4.
+2. The noise of the estimate alternates from sample to sample: K is smoothed by [1, 2, 1] / 4 along the row.
+3. Dissimilarity: |K(x+1) - K(x-1)|, summed with the weights [1, 2, 2, 2, 1] along both axes.
+4. K = (K_row / d_row^2 + K_column / d_column^2) / (1 / d_row^2 + 1 / d_column^2) at red and blue sites, green = m + K
+   there, and red and blue follow green as in `demosaic.colour_difference`.
+
+Steps 1 to 4 run on one flat piece of memory per tile, whose rows are joined: a move by a row or by a column is an
+offset, so that every operation is one contiguous pass inside the cache. What wraps around from row to row stays in the
+margin.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from etendue_camera.mosaic.frame import GREEN, checked, follow_green, in_tiles, line_following, one_line, own, quarter
+from etendue_camera.sensor.cfa import phase
+
+REACH = 6  # 3 for the estimate or 5 for the similarity along the line, 1 for red and blue
+FLOOR = 1e-3  # of the full scale 1
+
+
+def directional(mosaic: NDArray, pattern: str, floor: float = FLOOR) -> NDArray:
+    """Green minus red and green minus blue along rows and columns, weighted by direction similarity.
+
+    Parameters
+    ----------
+    mosaic : (y, x) array, any unit
+    pattern : str
+        One of `cfa.BAYER`.
+    floor : float, unit of mosaic
+        Above 0. Mean dissimilarities well below it say nothing about direction, and rows and columns count alike.
+
+    Returns
+    -------
+    (3, y, x) array, unit and dtype of mosaic (integers become float64)
+        May leave the range of the mosaic: negative values are kept.
+
+    Raises
+    ------
+    ValueError
+        If mosaic is not (y, x) with a sample in it, the pattern is not one of the four, or floor is not above 0.
+
+    Notes
+    -----
+    Frames of one line are interpolated along it. Mean CPSNR with the protocol of `benchmarks/demosaic.py`: 39.9 dB on
+    Kodak and 34.6 dB on McMaster pictures. Exact for constant planes, for grey ramps inside the border, and where
+    G - R and G - B are constant along one axis while only the other shows differences. Mirroring the mosaic mirrors the
+    result bit for bit; transposing it does up to rounding.
+    """
+    mosaic = checked(mosaic, pattern)
+    if not 0 < floor < np.inf:
+        raise ValueError(f"floor is {floor}; allowed are numbers above 0, in the unit of the mosaic")
+    if 1 in mosaic.shape:
+        return one_line(mosaic, pattern, _line_directional)
+    work = np.zeros((7, 0), mosaic.dtype)
+    lowest = mosaic.dtype.type(256 * floor)  # the weights of the window add up to 64, and the estimates are 4 K
+    sixteenth = mosaic.dtype.type(1 / 16)
+
+    def method(planes: NDArray, framed: NDArray) -> None:
+        nonlocal work
+        if work.shape[1] < framed.size:
+            work = np.zeros((7, framed.size), mosaic.dtype)
+        mixed = _differences(framed, work[:, : framed.size], lowest)
+        green, inner = planes[GREEN], framed[REACH:-REACH, REACH:-REACH]
+        for y, x in phase(pattern)["G"]:
+            green[y::2, x::2] = inner[y::2, x::2]
+        differences = {}
+        for colour in "RB":
+            [(y, x)] = phase(pattern)[colour]
+            differences[colour] = quarter(mixed, REACH, (y, x)) * sixteenth
+            np.add(inner[y::2, x::2], own(differences[colour], (y, x), green.shape), out=green[y::2, x::2])
+        follow_green(planes, framed, REACH, pattern, differences)
+
+    with np.errstate(over="ignore", invalid="ignore"):  # in the margins, and ratios of dissimilarities past all bounds
+        return in_tiles(mosaic, REACH, method)
+
+
+def _differences(framed: NDArray, work: NDArray, lowest: np.floating) -> NDArray:
+    """16 K of a tile, right at red and blue sites to within 5 samples of its edge."""
+    mosaic, a, b, c, ratio, along_rows, along_columns = work
+    stride = framed.shape[1]
+    mosaic.reshape(framed.shape)[...] = framed
+    for step, across, estimate, total in ((1, stride, along_rows, ratio), (stride, 1, along_columns, a)):
+        _moved(np.add, mosaic, -step, mosaic, step, a)
+        _moved(np.subtract, a, 0, a, -step, b)
+        _moved(np.subtract, b, 0, b, step, c)  # 4 K, of alternating sign
+        _moved(np.subtract, c, 0, c, -step, b)
+        _moved(np.subtract, b, 0, b, step, estimate)  # 16 K, smoothed: the sign alternates, so the mean is a difference
+        _moved(np.subtract, c, step, c, -step, a)
+        np.abs(a, out=a)
+        for way, result in ((step, a), (across, total)):
+            _moved(np.add, a, 0, a, way, b)
+            _moved(np.add, b, -way, b, way, c)
+            _moved(np.add, c, 0, c, -way, result)
+        total += lowest
+    ratio /= a
+    ratio *= ratio
+    ratio += 1
+    along_rows -= along_columns
+    along_rows /= ratio
+    along_rows += along_columns
+    return along_rows.reshape(framed.shape)
+
+
+def _moved(operation: np.ufunc, first: NDArray, by: int, second: NDArray, by_second: int, out: NDArray) -> None:
+    """out[i] = operation(first[i + by], second[i + by_second]) wherever both exist."""
+    start, stop = max(0, -by, -by_second), out.size - max(0, by, by_second)
+    operation(first[start + by : stop + by], second[start + by_second : stop + by_second], out=out[start:stop])
+
+
+def _line_directional(line: NDArray, green: int) -> NDArray:
+    """The estimate along the line, which has no other direction."""
+    framed = np.pad(line, 3, mode="reflect")
+    p = framed[:-2] + framed[2:]
+    k = (p[1:-1] - p[:-2]) - (p[2:] - p[1:-1])
+    smooth = (k[1:-1] - k[:-2]) - (k[2:] - k[1:-1])
+    return line_following(line, green, smooth * line.dtype.type(1 / 16))

@@ -1,0 +1,177 @@
+"""Lens shading corrected in front of the demosaicer: the fall-off of the lens undone by gains that the camera knows.
+
+In:  ``mosaic_linear`` (y, x), 1 at clipping, positions from the axis.
+Out: ``mosaic_linear``, as a lens without fall-off would give it, noisier away from the axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Bounded, Facts, Grid, Haloed, param, quantity
+from etendue.contract.stage import file_state
+from etendue_camera.field import illumination
+from etendue_camera.field.stages.falloff import Falloff
+from etendue_camera.field.stages.illumination import AngularResponse, Vignetting, farthest
+from etendue_camera.mosaic import shading
+from etendue_camera.optics.stages.conjugates import Conjugates
+from etendue_camera.sensor import cfa
+from etendue_camera.sensor.stages.masks import first_pixel, mask_of
+
+NOTED = 1.1  # gain from which the plan speaks of its price
+
+
+@lru_cache(maxsize=16)
+def _table(path: str, state: tuple[int, int]) -> shading.GainTable:
+    try:
+        return shading.read_gains(path)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensShading(Conjugates, Bounded, Haloed):
+    """Gains by image height, relative to the axis, from what the camera knows of its lens: a model of it, or a calibrated table.
+
+    ``map = "model"``: the fall-off of stage ``falloff`` (``model``, ``geometry``, ``full_field``), times the rim of ``vignetting``
+    and the cosine response of ``angular_response``, for the camera's own aperture and focus; parameters are those of these stages,
+    and where they differ from theirs the correction is as wrong as the knowledge. ``map = "table"``: a CSV file with gains by
+    height, one column for all channels or one for each, such as `etendue_camera.mosaic.shading.calibrated` makes of a flat field.
+    Black stays black; noise grows with the gain, and the plan says by how much. ``clipping_level`` rises by the smallest gain of the frame.
+    """
+
+    role: ClassVar = "shading correction"
+    reads: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]", "clipping_level": "[1]"}
+    gain: ClassVar[float | None] = None  # of a table as large as it is
+    negative: ClassVar = "keep"
+    once: ClassVar = ("the correction of shading",)
+    nanoseconds: ClassVar = 8.0
+    working: ClassVar = 7.0
+
+    pattern: str = quantity("pattern")
+    map: str = param("model", choices=("model", "table"), doc="where the gains come from")
+    strength: float = param(1.0, at_least=0, at_most=1, doc="share of the correction: gain 1 + strength (1/relative - 1)")
+    largest_gain: float = param(16.0, at_least=1, at_most=1e4, doc="where gains end")
+    table: str = param("", table=True, doc="of map 'table': CSV height_mm,gain or height_mm,R,G,B")
+    model: str = param("cos4", choices=("cos4", "disc"), doc="of map 'model': as of falloff")
+    geometry: str = param("physical", choices=("physical", "paper"), doc="as of falloff")
+    full_field: float = param(60.0, units="deg", above=0, below=170, doc="as of falloff")
+    rim_radius: float = param(math.inf, units="mm", above=0, infinite=True, doc="as of vignetting; inf: no rim")
+    rim_distance: float = param(0.0, units="mm", at_least=0, doc="as of vignetting")
+    power: float = param(0.0, at_least=0, at_most=1e3, doc="as of angular_response; 0: none")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.map == "table") != bool(self.table):
+            raise ValueError(f"map is {self.map!r} and table is {self.table!r}; a table goes with map = 'table', and only with it")
+        mask_of(self.pattern)
+        if self.map == "model":
+            self.relative(np.zeros(1), 0.0)
+
+    def relative(self, radius_um: Any, corner_um: float) -> Any:
+        """Relative illumination by image height, as the camera believes it."""
+        shared: dict[str, Any] = {
+            "f_number": self.f_number, "focal_length": self.focal_length, "magnification": self.magnification,
+            "pupil_magnification": self.pupil_magnification, "focus_distance": self.focus_distance,
+        }  # fmt: skip
+        falling = Falloff(model=self.model, geometry=self.geometry, full_field=self.full_field, **shared)
+        found = falling.relative(falling.tangent(radius_um, corner_um))
+        if not math.isinf(self.rim_radius):
+            found = found * Vignetting(rim_radius=self.rim_radius, rim_distance=self.rim_distance, **shared).relative(radius_um)
+        if self.power:
+            response = AngularResponse(power=self.power, **shared)
+            found = found * illumination.cosine_response(response.angle(radius_um), self.power)
+        return found
+
+    def rows(self) -> shading.GainTable:
+        """The table; its columns are channels of the pattern, or one for all; of a plane alone, its own among them."""
+        table = _table(self.table, file_state(self.table))
+        channels, columns = set(mask_of(self.pattern).channels), set(table.columns)
+        if len(columns) > 1 and channels != columns and not (len(channels) == 1 and channels < columns):
+            raise ValueError(
+                f"{self.table} has columns {', '.join(table.columns)}, but the pattern {self.pattern!r} has channels "
+                f"{', '.join(mask_of(self.pattern).channels)}; give one column for each, or one for all"
+            )
+        return table
+
+    def weakened(self, gains: Any) -> Any:
+        """The gains of a table at the strength and with the end that are asked for."""
+        return np.minimum(1 + self.strength * (gains - 1), self.largest_gain)
+
+    def largest(self, grid: Grid) -> float:
+        """Over the frame: of a model in its corner, of a table anywhere."""
+        corner = farthest(grid)
+        if self.map == "table":
+            table = self.rows()
+            inside = table.heights_mm[table.heights_mm < 1e-3 * corner]
+            places = np.append(inside, 1e-3 * corner)
+            return max(float(np.max(self.weakened(np.interp(places, table.heights_mm, column)))) for column in table.gains.T)
+        return float(shading.gain_of(np.asarray(self.relative(np.array([corner]), corner), float), self.strength, self.largest_gain)[0])
+
+    def gains(self, y_um: Any, x_um: Any) -> Any:
+        """(1 or channel, y, x): what multiplies the light."""
+        radius = np.hypot(y_um[:, None], x_um[None, :])
+        if self.map == "model":
+            corner = math.hypot(*(max((abs(v) for v in line[[0, -1]]), default=0.0) for line in (y_um, x_um)))
+            return shading.gain_of(self.relative(radius, corner), self.strength, self.largest_gain)[None]
+        table, channels = self.rows(), mask_of(self.pattern).channels
+        columns = [table.columns.index(channel) for channel in channels] if len(table.columns) > 1 else [0]
+        return np.stack([self.weakened(np.interp(1e-3 * radius, table.heights_mm, table.gains[:, column])) for column in columns])
+
+    def run(self, mosaic_linear: Any, clipping_level: Any, y: Any, x: Any, y_um: Any, x_um: Any) -> dict[str, Any]:
+        gains = self.gains(y_um, x_um)
+        own = gains[0] if len(gains) == 1 else cfa.pick(gains, mask_of(self.pattern), *first_pixel(y, x))
+        own = own.astype(mosaic_linear.dtype, copy=False)
+        return {"mosaic_linear": mosaic_linear * own, "clipping_level": clipping_level * own.min(initial=self.largest_gain)}
+
+    def halo(self) -> int | None:
+        """Gains are those of an image height; the paper's fall-off is told by the frame's corner."""
+        return None if self.map == "model" and self.geometry == "paper" else 0
+
+    def joined(self, parts: Mapping[str, Sequence[Any]], sizes: Sequence[int]) -> Mapping[str, Any]:
+        return {"clipping_level": np.min(parts["clipping_level"], axis=0)}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        if self.strength == 0:
+            return 0.0, "strength is 0"
+        return (self.largest(grid) - 1, "the largest gain is this close to 1") if self.map == "model" else None
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the arithmetic; how well model or table fit the lens is no error of it."""
+        return (1e-6 if precision == "float32" else 2e-14), "measured"
+
+    def assumes(self) -> dict[str, Any]:
+        """What the model takes the lens for; a table is of no model."""
+        if self.map != "model" or self.strength == 0:
+            return {}
+        fall_off = (self.model, self.geometry, *((self.full_field,) if self.geometry == "paper" else ()))
+        return {"the fall-off": fall_off, "the response by angle": ("power", self.power)}
+
+    def warn_among(self, others: Any) -> list[str]:
+        rims = [name for name, kind in others.items() if kind.role == Vignetting.role]
+        if self.strength > 0 and self.map == "model" and math.isinf(self.rim_radius) and rims:
+            return [f"the lens has a rim (stage {rims[0]}) of which this correction knows nothing: give it rim_radius and rim_distance too"]
+        return []
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if self.strength == 0:
+            return []
+        notes, grid = [], grids["mosaic_linear"]
+        largest = self.largest(grid)
+        if largest >= self.largest_gain:
+            notes.append(f"gains end at largest_gain = {self.largest_gain:g}: the corner stays darker than the axis")
+        elif largest > NOTED:
+            notes.append(f"gain up to {largest:.3g} away from the axis: noise there grows as much, {20 * math.log10(largest):.1f} dB")
+        if self.map == "table" and 1e-3 * farthest(grid) > self.rows().heights_mm[-1] * (1 + 1e-9):
+            notes.append(
+                f"{self.table} ends at {self.rows().heights_mm[-1]:g} mm, the frame's corner is at {1e-3 * farthest(grid):.4g} mm: "
+                "its last row holds beyond"
+            )
+        return notes

@@ -1,0 +1,298 @@
+"""White balance in front of the demosaicer: which white the mosaic shows, and how its channels are made equal.
+
+In:  a linearised mosaic (y, x), 1 at clipping; the mask of its filters; whites by channel.
+Out: whites, gains, balanced mosaics, the level shown as white, the angle between two whites.
+Sources: Buchsbaum 1980, J. Franklin Inst. 310 (grey world); Land and McCann 1971, J. Opt. Soc. Am. 61 (white patch); Finlayson and
+Trezzi 2004, Color Imaging Conf. 12 (a power between the two). What they share: an estimate is as good as its assumption about the scene.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue import require
+from etendue_camera.sensor import cfa
+
+FloatArray = NDArray[np.floating]
+VANISHING = 1e-9  # of the largest response: below it a gain would be noise
+
+
+def cell_means(
+    mosaic: FloatArray, mask: cfa.Mask, cell: int, ceiling: float, lowest: float, first_row: int = 0, first_column: int = 0
+) -> tuple[FloatArray, int]:
+    """Mean of each channel over small cells of a mosaic, of those cells alone that are neither clipped nor dark.
+
+    Parameters
+    ----------
+    mosaic : (y, x) array, 1 at clipping
+    mask : cfa.Mask
+    cell : int, pixel
+        Side of the cells, at least 1; rounded up to whole periods of the mask, so that a cell holds every channel.
+    ceiling : float
+        A cell with a value at or above it is left out.
+    lowest : float
+        A cell whose mean is below it is left out.
+    first_row, first_column : int
+        First pixel of the mosaic on the sensor.
+
+    Returns
+    -------
+    means : (channel, n) array of float64
+        Of the n cells that are left, n may be 0.
+    cells : int
+        How many there were. Rows and columns beyond the last whole cell are not looked at.
+
+    Raises
+    ------
+    ValueError
+        If the mosaic is no finite (y, x) array with pixels, the cell is below 1, or the frame has no pixel of a channel.
+
+    Notes
+    -----
+    Cells are taken or left as a whole, so that all channels look at the same places: if pixels were left out one by one, the channel
+    that clips first would see less of what is bright, and the estimate would lean away from it.
+    """
+    mosaic = np.asarray(mosaic)
+    if mosaic.ndim != 2 or not mosaic.size or not np.isfinite(mosaic).all():
+        raise ValueError(f"mosaic has shape {mosaic.shape}; allowed is (y, x) with pixels, all of them finite")
+    if cell < 1:
+        raise ValueError(f"cell is {cell!r}; allowed are whole numbers from 1")
+    sides = [_side(size, period, cell) for size, period in zip(mosaic.shape, mask.period, strict=True)]
+    counts = [size // side for size, side in zip(mosaic.shape, sides, strict=True)]
+    blocks = mosaic[: counts[0] * sides[0], : counts[1] * sides[1]].reshape(counts[0], sides[0], counts[1], sides[1])
+    index = cfa.channel_index(mask, sides[0], sides[1], first_row, first_column)
+    means = np.full((len(mask.channels), *counts), np.nan)
+    for number, channel in enumerate(mask.channels):
+        here = index == number
+        if not here.any():
+            raise ValueError(
+                f"a frame of {mosaic.shape[0]} x {mosaic.shape[1]} pixels has none of channel {channel}: no white can be seen in it"
+            )
+        means[number] = np.einsum("iajb,ab->ij", blocks, here / here.sum(), dtype=np.float64, casting="same_kind")
+    usable = (blocks.max(axis=(1, 3)) < ceiling) & (blocks.mean(axis=(1, 3), dtype=np.float64) >= lowest)
+    return means[:, usable], usable.size
+
+
+def _side(size: int, period: int, cell: int) -> int:
+    """Side of a cell: whole periods, at least ``cell``, no more than the frame holds; a frame below one period is one cell."""
+    wanted = -(-cell // period) * period
+    return max(min(wanted, size // period * period), min(size, period))
+
+
+def grey_world(means: FloatArray, power: float = 1.0) -> FloatArray:
+    """The white of a scene that is grey on average: the power mean over cells, by channel.
+
+    Parameters
+    ----------
+    means : (channel, n) array
+        At least one cell.
+    power : float
+        1 or above: 1 is the plain mean, large ones lean towards the brightest cells. Negative values count as 0 above 1.
+
+    Returns
+    -------
+    (channel,) array, unit of means
+
+    Raises
+    ------
+    ValueError
+        Without cells, or for a power below 1 or infinite.
+    """
+    means = _some(means)
+    require.allowed(1 <= power < np.inf, "power", power, "finite numbers from 1; of an infinite one there is white_patch")
+    if power == 1:
+        return means.mean(axis=1)
+    above = np.maximum(means, 0.0)
+    largest = above.max(axis=1)
+    scale = np.where(largest > 0, largest, 1.0)  # so that no power overflows or vanishes
+    return scale * np.mean((above / scale[:, None]) ** power, axis=1) ** (1.0 / power)
+
+
+def white_patch(means: FloatArray, quantile: float = 0.99) -> FloatArray:
+    """The white of a scene in which something white is the brightest: a quantile over cells, by channel.
+
+    Parameters
+    ----------
+    means : (channel, n) array
+        At least one cell.
+    quantile : float
+        Above 0, at most 1. Below 1 a few hot pixels or glints do not decide.
+
+    Returns
+    -------
+    (channel,) array, unit of means
+
+    Raises
+    ------
+    ValueError
+        Without cells, or for a quantile out of range.
+    """
+    require.allowed(0 < quantile <= 1, "quantile", quantile, "numbers above 0 and at most 1")
+    return np.asarray(np.quantile(_some(means), quantile, axis=1))
+
+
+def _some(means: FloatArray) -> FloatArray:
+    means = np.asarray(means, np.float64)
+    if means.ndim != 2 or not means.shape[1]:
+        raise ValueError(f"means has shape {means.shape}; allowed is (channel, n) with at least one cell: neither clipped nor dark")
+    return means
+
+
+def angle_between(one: ArrayLike, other: ArrayLike) -> float:
+    """Angle between two whites, whatever their level.
+
+    Parameters
+    ----------
+    one, other : (channel,) array
+        Not zero.
+
+    Returns
+    -------
+    float, degrees
+        0 to 180.
+
+    Raises
+    ------
+    ValueError
+        For shapes that differ, a zero vector, or one that is not finite.
+
+    Notes
+    -----
+    Source: Kahan's 2 atan(|u - v| / |u + v|) of the unit vectors; the arc cosine of their product has no digits left below 1e-6
+    degrees. Error: below 4e-16 relative to 1 rad.
+    """
+    units = []
+    for vector in (np.asarray(one, np.float64), np.asarray(other, np.float64)):
+        largest = np.abs(vector).max(initial=0.0)
+        if vector.ndim != 1 or not 0 < largest < np.inf:
+            raise ValueError(f"a white is {vector.tolist()}; allowed are finite numbers, not all of them 0")
+        scaled = vector / largest
+        units.append(scaled / np.linalg.norm(scaled))
+    if units[0].shape != units[1].shape:
+        raise ValueError(f"whites have {units[0].size} and {units[1].size} channels; allowed are equal numbers")
+    return float(np.degrees(2 * np.arctan2(np.linalg.norm(units[0] - units[1]), np.linalg.norm(units[0] + units[1]))))
+
+
+def lifted(responses: ArrayLike, floor: float) -> tuple[FloatArray, int]:
+    """Responses to a white with none that vanishes.
+
+    Parameters
+    ----------
+    responses : (n,) array
+        Of cones or of a camera's channels.
+    floor : float
+        Share of the largest response to which weaker ones are lifted, at least 0 and below 1; 0 lifts nothing.
+
+    Returns
+    -------
+    responses : (n,) array of float64
+    count : int
+        How many were lifted.
+
+    Raises
+    ------
+    ValueError
+        If no response is above 0, one is not finite, or the floor is out of range; with a floor of 0 also for a response below
+        1e-9 of the largest: its gain would be infinite, negative, or nothing but noise.
+    """
+    found = np.asarray(responses, np.float64)
+    require.allowed(0 <= floor < 1, "floor", floor, "numbers from 0 and below 1")
+    largest = found.max(initial=0.0)
+    if found.ndim != 1 or not np.isfinite(found).all() or not largest > 0:
+        raise ValueError(f"the white is {found.tolist()}; allowed are finite numbers, one of them above 0")
+    if floor == 0:
+        if not found.min() >= VANISHING * largest:
+            raise ValueError(
+                f"the white has a vanishing channel ({found.tolist()}), whose gain would be infinite or noise; "
+                "a floor above 0 lifts it, or look at the filter, the illuminant and peak_qe"
+            )
+        return found.copy(), 0
+    weak = found < floor * largest
+    return np.where(weak, floor * largest, found), int(np.count_nonzero(weak))
+
+
+def gains_of(white: ArrayLike) -> FloatArray:
+    """Gains that make all channels of a white equal to its largest: at least 1, so that what is clipped stays where it was or above.
+
+    Parameters
+    ----------
+    white : (channel,) array
+        Above 0.
+
+    Returns
+    -------
+    (channel,) array of float64
+        Exactly 1 for the largest channel, which is the first to clip.
+
+    Raises
+    ------
+    ValueError
+        For a channel that vanishes.
+    """
+    found, _ = lifted(white, 0.0)
+    return found.max() / found
+
+
+def display_white(white: float, clipped: float, fixed: bool = False) -> float:
+    """The level of a balanced picture that is shown as the display's white.
+
+    Parameters
+    ----------
+    white : float, above 0
+        What the scene's white would read if nothing clipped.
+    clipped : float, above 0
+        The lowest level at which a balanced channel clips.
+    fixed : bool
+        Whether brightness is that of the camera, not that of the scene.
+
+    Returns
+    -------
+    float
+        ``clipped`` at most, so that what is clipped is never grey.
+
+    Raises
+    ------
+    ValueError
+        For levels at or below 0, or without a value.
+    """
+    if not (white > 0 and 0 < clipped < np.inf):
+        raise ValueError(f"white is {white!r} and clipping begins at {clipped!r}; allowed are numbers above 0")
+    return clipped if fixed else min(white, clipped)
+
+
+def balanced(
+    mosaic: FloatArray, gains: ArrayLike, mask: cfa.Mask, first_row: int = 0, first_column: int = 0, ceiling: float = np.inf
+) -> FloatArray:
+    """Each pixel times the gain of its channel.
+
+    Parameters
+    ----------
+    mosaic : (..., y, x) array
+    gains : (channel,) array
+        In the order of ``mask.channels``.
+    mask : cfa.Mask
+    first_row, first_column : int
+        First pixel of the mosaic on the sensor.
+    ceiling : float
+        Where all channels end; inf: nowhere.
+
+    Returns
+    -------
+    (..., y, x) array, dtype of mosaic
+        A channel with gain 1 keeps its bits below the ceiling.
+
+    Raises
+    ------
+    ValueError
+        If there is not one gain for each channel, or the mosaic has fewer than two dims.
+    """
+    mosaic, gains = np.asarray(mosaic), np.asarray(gains, np.float64)
+    if mosaic.ndim < 2 or gains.shape != (len(mask.channels),):
+        raise ValueError(f"mosaic has shape {mosaic.shape} and gains {gains.shape}; allowed are (..., y, x) and ({len(mask.channels)},)")
+    found = np.empty_like(mosaic)
+    for channel, gain in zip(mask.channels, gains, strict=True):
+        for rows, columns in cfa.sites_of(mask, channel, first_row, first_column):
+            where = (..., rows, columns)
+            np.multiply(mosaic[where], mosaic.dtype.type(gain), out=found[where])
+    if ceiling < np.inf:
+        found.clip(max=mosaic.dtype.type(ceiling), out=found)
+    return found

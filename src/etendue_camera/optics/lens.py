@@ -1,0 +1,230 @@
+"""Transfer functions of real lenses: a Gaussian blur, a radial table, a measured picture of a point.
+
+In:  spatial frequencies (cycles/um); blur widths, radii and sample spacings (um); the point spread function.
+Out: transfer functions, 1 at zero frequency: real where the blur is symmetric, complex for a picture.
+Sources: the Fourier and Hankel transforms (Goodman, Introduction to Fourier Optics, sections 2.1 and 2.3).
+The seed paper's PSF_lens (eq. 1) comes from an optical design program; a table or a picture is what such a
+program, or a measurement, hands over.
+"""
+
+from math import log, pi, sqrt
+from typing import Any, Literal
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from etendue import require
+
+FloatArray = NDArray[np.floating]
+Floats = Any  # a float or a FloatArray; what comes out has the shape of what goes in
+
+FWHM_OF_SIGMA = 2.0 * sqrt(2.0 * log(2.0))
+"""Full width at half maximum of a Gaussian of standard deviation 1."""
+
+_BLOCK = 2**20  # elements of a frequency x radius block, 8 MB
+
+
+def gaussian_otf(fy: FloatArray, fx: FloatArray, sigma: float) -> FloatArray:
+    """Transfer function of a round Gaussian blur, exp(-2 pi^2 sigma^2 (fy^2 + fx^2)).
+
+    Parameters
+    ----------
+    fy, fx : arrays that broadcast, cycles/um
+        (ny, 1) and (1, nx) cost ny + nx exponentials.
+    sigma : float, um
+        Standard deviation along either axis, 0 or above.
+
+    Returns
+    -------
+    broadcast array, 1
+        In [0, 1]; exactly 1 everywhere for sigma = 0.
+
+    Raises
+    ------
+    ValueError
+        For a negative, infinite or NaN sigma.
+
+    Notes
+    -----
+    Error: 2e-16 max(1, 2 pi^2 sigma^2 f^2) relative, the sensitivity to the inputs.
+    """
+    require.must(0.0 <= sigma < np.inf, "sigma", sigma, "finite and 0 or above, in um")
+    scale = sqrt(2.0) * pi * float(sigma)  # a plain float keeps float32 arrays float32
+    return np.exp(-((scale * fy) ** 2)) * np.exp(-((scale * fx) ** 2))
+
+
+def gaussian_sigma_from_fwhm(fwhm: Floats) -> Floats:
+    """Standard deviation of the Gaussian with a given full width at half maximum, in the same unit.
+
+    Raises
+    ------
+    ValueError
+        For a negative or NaN width.
+    """
+    require.must(np.asarray(fwhm) >= 0.0, "fwhm", fwhm, "0 or above")
+    return fwhm / FWHM_OF_SIGMA
+
+
+def mean_square_radius(radius: FloatArray, psf: FloatArray) -> float:
+    """Mean of the squared radius of a round point spread function, um^2, of the size of its values where some are negative.
+
+    Parameters
+    ----------
+    radius : (n,) array, um
+    psf : (n,) array, any unit per area
+        As in `radial_psf_otf`.
+
+    Notes
+    -----
+    2 pi^2 times it bounds the second derivative of the transfer function by frequency, as J0 bends by 1/2 at most. Between radii both are
+    polynomials, for which four points of Gauss's rule are exact.
+    """
+    nodes, weights = scipy.special.roots_legendre(4)
+    half = 0.5 * np.diff(radius)[:, None]
+    r = radius[:-1, None] + half * (1.0 + nodes)
+    share = half * weights * r
+    own = np.interp(r.ravel(), radius, psf).reshape(r.shape)
+    return float(np.sum(share * np.abs(own) * r * r) / abs(np.sum(share * own)))
+
+
+def radial_psf_otf(frequency: Floats, radius: FloatArray, psf: FloatArray) -> Floats:
+    """Transfer function of a round point spread function given as a table.
+
+    Parameters
+    ----------
+    frequency : (...) array, cycles/um
+        Radial spatial frequency; the sign does not matter.
+    radius : (n,) array, um
+        From 0, growing, at least two; they need not be evenly spaced.
+    psf : (n,) array, any unit per area
+        Linear between the radii, zero beyond the last. Its scale cancels.
+
+    Returns
+    -------
+    (...) array, 1
+        Exactly 1 at zero frequency.
+
+    Raises
+    ------
+    ValueError
+        For radii that do not start at 0 or do not grow, for lengths that differ, for values that are not
+        finite and for a total energy that is not above 0.
+
+    Notes
+    -----
+    Source: Hankel transform of order zero, the integral of psf J0(2 pi f r) r dr over that of psf r dr. Each
+    piece of the table takes as many Gauss points as its phase asks for. Many frequencies (a grid) are
+    interpolated from a Chebyshev series in f, which converges to rounding because the table ends.
+    Error: below 3e-15 absolute for the piecewise linear function, for up to 100 cycles over the table. The
+    table itself errs by its spacing squared times the second derivative of the true function, over 8.
+    """
+    frequency = np.asarray(frequency)
+    if not np.issubdtype(frequency.dtype, np.floating):
+        frequency = frequency.astype(float)
+    nodes, weights = _table_quadrature(radius, psf, float(np.max(np.abs(frequency), initial=0.0)))
+    flat = np.abs(frequency).ravel().astype(float)
+    highest = flat.max(initial=0.0)
+    # an entire function of exponential type 2 pi R: degree pi R f_max, and a margin for the last digits
+    degree = int(np.ceil(np.pi * nodes[-1] * highest)) + 40
+    if flat.size <= 2 * degree:
+        values = _hankel(flat, nodes, weights)
+    else:
+        angles = np.pi * (np.arange(degree) + 0.5) / degree
+        samples = _hankel(0.5 * highest * (1.0 + np.cos(angles)), nodes, weights)
+        series = scipy.fft.dct(samples, type=2) / degree
+        series[0] *= 0.5
+        values = np.polynomial.chebyshev.chebval(2.0 * flat / highest - 1.0, series) if highest else flat
+    values = np.where(flat == 0.0, 1.0, values)
+    return values.reshape(frequency.shape).astype(frequency.dtype, copy=False)[()]
+
+
+def psf_image_otf(
+    fy: FloatArray,
+    fx: FloatArray,
+    image: FloatArray,
+    spacing: float,
+    centre: Literal["sample", "centroid"] = "sample",
+) -> NDArray[np.complexfloating]:
+    """Transfer function of a picture of a point, at any frequencies that form a grid.
+
+    Parameters
+    ----------
+    fy : (ny,) or (ny, 1) array, cycles/um
+    fx : (nx,) or (1, nx) array, cycles/um
+        Need not be related to the picture's own size.
+    image : (my, mx) array, any unit
+        The point spread function, background removed; small negative noise is allowed.
+    spacing : float, um
+        Between samples, above 0.
+    centre : {"sample", "centroid"}
+        Where the optical axis is: the picture's centre sample, (my // 2, mx // 2), so that a point off that
+        sample shifts the image as measured; or the picture's centroid, so that nothing shifts.
+
+    Returns
+    -------
+    (ny, nx) array, complex, 1
+        1 at zero frequency, conjugate at opposite frequencies; complex64 if every input is float32.
+
+    Raises
+    ------
+    ValueError
+        For a picture that is not two-dimensional and finite with a sum above 0, a spacing that is not above
+        0 and an unknown centre.
+
+    Notes
+    -----
+    Source: discrete Fourier sum as two matrix products. It repeats every 1/spacing: frequencies beyond
+    1/(2 spacing) ask for what the picture does not hold.
+    Error: below 1e-15 absolute (float64), 1e-7 (float32), for pictures of 64 by 64 samples.
+    """
+    image = np.asarray(image)
+    if image.ndim != 2 or not np.all(np.isfinite(image)):
+        raise ValueError(f"image has shape {image.shape}; it must be two-dimensional with finite samples")
+    require.must(0.0 < spacing < np.inf, "spacing", spacing, "finite and above 0 um")
+    if centre not in ("sample", "centroid"):
+        raise ValueError(f"centre is {centre!r}; it must be 'sample' or 'centroid'")
+    energy = float(np.sum(image, dtype=float))
+    if not energy > 0.0:
+        raise ValueError(f"image sums to {energy}; a point spread function has a sum above 0")
+    precision = np.result_type(np.asarray(fy), np.asarray(fx), image, np.float32)
+    kind = np.result_type(precision, np.complex64)
+    rows, columns = (np.arange(n, dtype=float) - n // 2 for n in image.shape)
+    if centre == "centroid":
+        rows = rows - rows @ np.sum(image, axis=1, dtype=float) / energy
+        columns = columns - np.sum(image, axis=0, dtype=float) @ columns / energy
+    # phases in float64: they reach hundreds of turns
+    wave_y = np.exp(-2j * np.pi * spacing * np.outer(np.asarray(fy, float), rows)).astype(kind)
+    wave_x = np.exp(-2j * np.pi * spacing * np.outer(columns, np.asarray(fx, float))).astype(kind)
+    return wave_y @ (image / energy).astype(precision) @ wave_x
+
+
+def _table_quadrature(radius: FloatArray, psf: FloatArray, highest: float) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights of the integral of psf r dr, fine enough for frequencies up to highest."""
+    radius, psf = np.asarray(radius, float), np.asarray(psf, float)
+    if radius.ndim != 1 or radius.shape != psf.shape or radius.size < 2:
+        raise ValueError(
+            f"radius has shape {radius.shape} and psf {psf.shape}; they must be one-dimensional, equally long and hold at least two samples"
+        )
+    steps = np.diff(radius)
+    if radius[0] != 0.0 or not np.all(steps > 0.0) or not np.all(np.isfinite(radius)):
+        raise ValueError("radius must start at 0 um and grow from sample to sample")
+    if not np.all(np.isfinite(psf)):
+        raise ValueError("psf must be finite at every radius")
+    count = 6 + int(np.ceil(np.pi * highest * steps.max()))
+    x, w = scipy.special.roots_legendre(count)
+    share = 0.5 * (1.0 + x)
+    nodes = radius[:-1, None] + steps[:, None] * share
+    values = psf[:-1, None] * (1.0 - share) + psf[1:, None] * share
+    weights = 0.5 * steps[:, None] * w * values * nodes
+    total = np.sum(weights)
+    if not total > 0.0:
+        raise ValueError(f"psf holds a total energy of {2 * np.pi * total}; it must be above 0")
+    return nodes.ravel(), (weights / total).ravel()
+
+
+def _hankel(frequency: FloatArray, nodes: FloatArray, weights: FloatArray) -> FloatArray:
+    """Sum of weights J0(2 pi f r), in blocks of bounded memory."""
+    rows = max(1, _BLOCK // nodes.size)
+    blocks = np.array_split(frequency, range(rows, frequency.size, rows))
+    return np.concatenate([scipy.special.j0(np.outer(2.0 * np.pi * block, nodes)) @ weights for block in blocks])

@@ -1,0 +1,55 @@
+"""What every stage that depends on the cone of light needs to know: one magnification, whichever way it was given.
+
+In:  camera quantities.
+Out: the magnification in force, the working f-number, the place of the exit pupil.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from etendue.api import Stage, quantity
+from etendue_camera.light import radiometry
+from etendue_camera.optics import focus
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conjugates(Stage):
+    """Base of the stages that see the lens's cone: the same magnification for all of them."""
+
+    f_number: float = quantity("f_number")
+    focal_length: float = quantity("focal_length")
+    magnification: float = quantity("magnification")
+    pupil_magnification: float = quantity("pupil_magnification")
+    focus_distance: float = quantity("focus_distance")
+
+    def __post_init__(self) -> None:
+        self.image_magnification()  # refuses what contradicts itself
+
+    def image_magnification(self) -> float:
+        """Given directly, or by the distance of the focus."""
+        return focus.effective_magnification(self.magnification, self.focal_length, self.focus_distance)
+
+    def in_focus(self) -> float:
+        """Distance (mm) of what is in focus, given directly or by the magnification."""
+        return focus.focus_distance_of(self.focal_length, self.image_magnification())
+
+    def working_f_number(self) -> float:
+        return float(radiometry.working_f_number(self.f_number, self.image_magnification(), self.pupil_magnification))
+
+    def pupil_distance(self) -> float:
+        """From the exit pupil to the image plane, mm."""
+        return float(radiometry.exit_pupil_distance(self.focal_length, self.image_magnification(), self.pupil_magnification))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cone(Conjugates):
+    """Base of the stages of diffraction: the same marginal rays as the light has."""
+
+    aperture_model: str = quantity("aperture_model")
+
+    def cone_f_number(self) -> float:
+        """1/(2 sin) of the half angle of the cone: the cut-off is 1/(lambda times this)."""
+        if self.aperture_model == "aplanatic":
+            return self.working_f_number()
+        return float(radiometry.flat_disc_f_number(self.f_number, self.image_magnification(), self.pupil_magnification))

@@ -1,0 +1,142 @@
+"""The lens as a light gatherer: scene radiance to irradiance on the image plane, and filters in the light path.
+
+In:  ``radiance`` of the scene on the image-plane grid.
+Out: ``irradiance`` (wavelength, y, x), W m-2 nm-1, in front of the sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Banded, Bounded, Facts, Grid, Tinting, param, proved, quantity
+from etendue_camera import spectra
+from etendue_camera.light import radiometry
+from etendue_camera.optics import filters
+from etendue_camera.optics.stages.conjugates import Conjugates
+
+
+@dataclass(frozen=True, kw_only=True)
+class Irradiance(Conjugates, Banded):
+    """Light gathered by the aperture: E = pi L T / (4 N_w^2) (aplanatic), the flat disc of eq. 5, or pi L / (4 T_w^2) of a T-number."""
+
+    role: ClassVar = "light gathering"
+    reads: ClassVar = {"radiance": "wavelength y x [W m-2 sr-1 nm-1]", "white_radiance": "wavelength [W m-2 sr-1 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    pointwise: ClassVar = True
+    gain: ClassVar = 1.0
+    nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
+    error: ClassVar = proved(1e-7, 4e-16)
+
+    t_number: float = quantity("t_number")
+    transmittance: float = quantity("transmittance")
+    aperture_model: str = quantity("aperture_model")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.t_number == 0:
+            self.factor()  # a cone that no lens has is refused before anything runs
+            return
+        if self.transmittance != 1:
+            raise ValueError(
+                f"t_number is {self.t_number:g} and transmittance {self.transmittance:g}, but a T-number holds the lens's losses already; "
+                "leave transmittance at 1, or t_number at 0"
+            )
+        if self.t_number < self.f_number * (1 - 1e-9):
+            raise ValueError(
+                f"t_number is {self.t_number:g}, below the f_number {self.f_number:g}: the lens would give more light than it takes in; "
+                "give the f_number that goes with it"
+            )
+
+    def factor(self) -> float:
+        magnification = self.image_magnification()
+        if self.t_number > 0:
+            return float(radiometry.t_number_factor(self.t_number, magnification, self.pupil_magnification))
+        model = radiometry.aplanatic_factor if self.aperture_model == "aplanatic" else radiometry.flat_disc_factor
+        return float(model(self.f_number, magnification, self.pupil_magnification)) * self.transmittance
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared
+
+    def run(self, radiance: Any, white_radiance: Any) -> dict[str, Any]:
+        factor = self.factor()
+        return {"irradiance": radiance * radiance.dtype.type(factor), "white_irradiance": white_radiance * factor}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        return facts["radiance"].scaled(self.factor())
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        return ["below f/1.2 scalar diffraction and the thin-lens aperture are approximate"] if self.f_number < 1.2 else []
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpticalFilter(Banded, Bounded, Tinting):
+    """A filter in the light path: a smooth short-pass, or any transmission table; several filters are several stages."""
+
+    role: ClassVar = "optical filter"
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]", "white_irradiance": "wavelength [W m-2 nm-1]"}
+    pointwise: ClassVar = True
+    gain: ClassVar = 1.0
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
+    error: ClassVar = proved(1e-7, 4e-16)
+
+    table: str = param(
+        "",
+        table=True,
+        doc="CSV (wavelength_nm,transmission) or SPDX; 0 half a step beyond its rows; '' for the smooth cut below",
+    )
+    cut_off: float = param(650.0, units="nm", above=0, infinite=True, doc="half transmission of the smooth short-pass; inf for none")
+    edge: float = param(15.0, units="nm", above=0, doc="width of the cut from 73 to 27 per cent")
+
+    def prepare(self, coordinates: Any) -> Any:
+        if self.table:
+            transmission = spectra.table_from_csv(self.table, tuple(coordinates["wavelength_edges"]))[1][:, 0]
+            if transmission.min() < 0 or transmission.max() > 1 + 1e-9:
+                raise ValueError(
+                    f"{self.table}: transmission {transmission.min():g} to {transmission.max():g}; allowed is 0 to 1; is it in per cent?"
+                )
+            return transmission
+        return filters.smooth_cut(coordinates["wavelength"], self.cut_off, self.edge)
+
+    def transmission(self, grid: Grid) -> Any:
+        bands = grid.bands()
+        return np.asarray(self.prepare({"wavelength_edges": np.array(bands.edges), "wavelength": np.array(bands.values())}))
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[bands]
+
+    def run(self, irradiance: Any, white_irradiance: Any, prepared: Any) -> dict[str, Any]:
+        return {
+            "irradiance": irradiance * prepared[:, None, None].astype(irradiance.dtype),
+            "white_irradiance": white_irradiance * prepared,
+        }
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        """What it takes from the bands that the light has; of unknown light, from all."""
+        if not self.table and math.isinf(self.cut_off):
+            return 0.0, "it lets everything through"
+        taken = 1.0 - self.transmission(grid)
+        light = np.array(facts.spectrum.high) if facts.spectrum is not None else np.ones(taken.size)
+        return float(np.abs(taken * light).max()), "it lets through nearly all of the light that there is"
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if not self.table:
+            return []
+        names, rows, values = spectra.csv_rows(self.table)
+        edges = grids["irradiance"].bands().edges
+        return spectra.cut_off_note(self.table, names[:1], rows, values[:, :1], edges[0], edges[-1])
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        light = facts["irradiance"]
+        if light.spectrum is None:
+            return replace(light, low=None, high=None)
+        spectrum = light.spectrum.weighed(tuple(map(float, self.transmission(grid["irradiance"]))))
+        low, high = spectrum.range_of_light()
+        return replace(light, spectrum=spectrum, low=low, high=high)

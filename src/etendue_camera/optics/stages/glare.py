@@ -1,0 +1,65 @@
+"""Veiling glare: light that the lens scatters over the picture.
+
+In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
+Out: ``irradiance``: the same light, some of it elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Bounded, Facts, Grid, Transfer, param
+from etendue_camera.optics import glare
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glare(Transfer, Bounded):
+    """Scattered light: a tail around every point, and a veil over all of the frame. Nothing is lost on the padded frame."""
+
+    role: ClassVar = "glare"
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    gain: ClassVar = 1.3  # 1.23 at worst, where the grid cuts a narrow tail's transfer function off
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 25.0
+
+    fraction: float = param(0.0, at_least=0, at_most=1, doc="share of the light in the tail; 0: no tail")
+    radius: float = param(50.0, units="um", above=0, doc="width r0 of the tail (1 + (r/r0)^2)^(-power/2)")
+    power: float = param(3.0, above=2, at_most=10, doc="power at which the tail falls")
+    veil: float = param(0.0, at_least=0, at_most=1, doc="share of the light spread evenly over the frame; 0: no veil")
+
+    def __post_init__(self) -> None:
+        if self.fraction + self.veil > 1:
+            raise ValueError(f"fraction {self.fraction:g} and veil {self.veil:g} are more than all of the light; their sum is at most 1")
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        return glare.glare_otf(np.hypot(fy, fx), self.fraction, self.veil, self.radius, self.power)
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str]:
+        if self.fraction == 0 and self.veil == 0:
+            return 0.0, "no light is scattered"
+        if facts.uniform:
+            return 0.0, "the scene is uniform: scatter changes nothing"
+        return (1 + self.gain) * (self.fraction + self.veil), "no more of the light than this is moved"
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        own = facts["irradiance"]
+        return own if own.uniform else replace(own, low=None, high=None, contrast=None)
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the transform pair, as for every transfer function."""
+        return (1e-6 if precision == "float32" else 2e-15), "measured"
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        grid = grids["irradiance"]
+        line = min((grid.line(dim) for dim in ("y", "x")), key=lambda one: one.size * one.step)
+        outside = self.fraction * float(1 - glare.tail_within(0.5 * line.size * line.step, self.radius, self.power))
+        if facts.uniform or outside < 0.01:
+            return []
+        return [
+            f"{100 * outside:.2g} % of the light would be scattered beyond half the frame; there it comes back from the mirror image that "
+            "continues the scene: give the scene a larger margin, or call that share veil"
+        ]

@@ -1,0 +1,291 @@
+"""A lens by its wavefront: aperture, defocus, Zernike and Seidel terms, as one transfer function for the whole frame.
+
+In:  ``irradiance`` (wavelength, y, x), W m-2 nm-1.
+Out: ``irradiance``, blurred. It holds diffraction already: in a pipeline it takes the place of ``diffraction``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from etendue.api import Facts, Grid, Transfer, param, quantity
+from etendue.transfer.sampling import on_unique_rows
+from etendue_camera.optics import annulus, focus, imaging, pupil, wavefront
+from etendue_camera.optics.stages.conjugates import Cone
+from etendue_camera.optics.stages.lens import Blur, too_coarse
+
+COARSE = 64  # cells on which the steepness of the wavefront is looked at
+MOST_SAMPLES = 2048
+WAVES: Any = {"units": "um", "held": (-1e3, 1e3)}
+MOVED: Any = {"units": "mm", "held": (-1e3, 1e3)}
+TABLE_BYTES = 64 << 20  # of what is kept for all bands
+ROUND_WAVES = {False: 6.0, True: 2.0}  # per pupil radius, clear or obstructed: steeper round wavefronts are summed over cells
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aberrated(Cone):
+    """What stages of an aberrated lens share: defocus and Seidel terms, in um of optical path at the edge of the pupil.
+
+    Positive paths move light towards where they grow: positive coma throws its tail outwards, positive defocus puts the image
+    behind the sensor. One wave at 550 nm is 0.55 um.
+    """
+
+    once: ClassVar = ("diffraction",)
+
+    object_distance: float = quantity("object_distance")
+    defocus: float = param(0.0, **MOVED, doc="how far behind the sensor the image lies, besides what the object distance makes of it")
+    spherical: float = param(0.0, **WAVES, doc="spherical aberration W040")
+    coma: float = param(0.0, **WAVES, doc="coma W131 at the full image height")
+    astigmatism: float = param(0.0, **WAVES, doc="astigmatism W222 at the full image height")
+    field_curvature: float = param(0.0, **WAVES, doc="field curvature W220 at the full image height")
+    full_height: float = param(
+        4.0, units="mm", above=0, held=(1e-3, 1e3), doc="image height for which coma, astigmatism and field curvature hold"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.shift()  # refuses an object closer than the focal length
+
+    def shift(self) -> float:
+        """From the sensor to the image, um. An object distance of inf is that of the focus."""
+        moved = 0.0
+        if math.isfinite(self.object_distance):
+            moved = float(focus.defocus_mm(self.focal_length, self.in_focus(), self.object_distance))
+        return 1e3 * (self.defocus + moved)
+
+    def seidel(self) -> wavefront.Seidel:
+        return wavefront.Seidel(self.spherical, self.coma, self.astigmatism, self.field_curvature)
+
+    def round_path(self, square: Any, height: float = 0.0) -> Any:
+        """The terms that depend on the distance from the pupil's centre alone, um, at an image height (of the full one)."""
+        own = self.spherical * square * square + self.field_curvature * height * height * square
+        return own + wavefront.defocus(self.shift(), self.cone_f_number(), 0.0, np.sqrt(square))
+
+    def path_at(self, y: Any, x: Any, height_y: float, height_x: float) -> Any:
+        """Optical path over the pupil (um) for an image point at these heights, in units of the full height."""
+        return self.seidel().at(y, x, height_y, height_x) + wavefront.defocus(self.shift(), self.cone_f_number(), y, x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wavefront(Blur, Aberrated, Transfer):
+    """The lens by its wavefront at one image point, the same over the frame: aperture, defocus, Zernike and Seidel terms.
+
+    It replaces ``diffraction``, which it holds: with every term at zero and a clear circle it is the same numbers. With both in
+    one pipeline the aperture would blur twice. A polygon has the area of the f-number's circle, so that its light is the same.
+    """
+
+    gain: ClassVar[float | None] = None  # of a point between samples, cut off by a coarse grid, it has no bound for every frame
+
+    aperture: str = param("circular", choices=("circular", "annular", "polygonal"), doc="outline of the pupil")
+    obstruction: float = param(
+        0.0, at_least=0, below=1, held=(0, 0.999), doc="annular: diameter of the dark disc over that of the aperture"
+    )
+    blades: int = param(6, at_least=3, at_most=64, doc="polygonal: number of blades")
+    rotation: float = param(0.0, units="deg", doc="polygonal: a corner lies at this angle from +x towards +y")
+    rounding: float = param(0.0, at_least=0, at_most=1, doc="polygonal: curvature of the blades, 1 being the circle through the corners")
+    zernike: tuple[float, ...] = param((), **WAVES, doc="rms coefficients over the f-number's circle, piston first")
+    zernike_index: str = param("noll", choices=("noll", "ansi"), doc="order of the coefficients: Noll's from 1, or ANSI's from 0")
+    distortion: float = param(0.0, **WAVES, doc="distortion W311 at the full image height: it moves the image")
+    field_y: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
+    field_x: float = param(0.0, units="mm", doc="image point for which the wavefront holds")
+    pupil_samples: int = param(
+        128, at_least=16, at_most=MOST_SAMPLES, fidelity=True, reference="Gauss quadrature over the shared area, or 2048 samples",
+        settings=(16, 32, 64, 128, 256, 512, 1024, 2048),
+        doc="cells across the pupil for aberrations that are not round; steep ones take more",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.shape()  # refuses what contradicts itself
+        edge = self.shape().reach()
+        if self.shift() and 2 * self.cone_f_number() < edge:
+            raise ValueError(f"f_number is {self.f_number:g}: the corners of {self.blades} blades lie beyond what an aplanatic lens has")
+
+    def shape(self) -> pupil.Aperture:
+        turn = math.radians(self.rotation)
+        return pupil.Aperture(cast(pupil.Shape, self.aperture), self.obstruction, self.blades, turn, self.rounding)
+
+    def height(self) -> tuple[float, float]:
+        return self.field_y / self.full_height, self.field_x / self.full_height
+
+    def terms(self) -> list[tuple[int, int, float]]:
+        """Zernike terms (n, m, um) besides piston and tilt."""
+        orders = wavefront.zernike_orders(len(self.zernike), cast(wavefront.Index, self.zernike_index))
+        return [(n, m, value) for (n, m), value in zip(orders, self.zernike, strict=True) if n > 1 and value]
+
+    def moved(self) -> tuple[float, float]:
+        """How far tilts move the image, um along y and x: exactly, by a phase."""
+        slope_y, slope_x = wavefront.Seidel(w311=self.distortion).tilt(*self.height())
+        orders = wavefront.zernike_orders(len(self.zernike), cast(wavefront.Index, self.zernike_index))
+        for (n, m), value in zip(orders, self.zernike, strict=True):
+            slope_y += 2.0 * value if (n, m) == (1, -1) else 0.0
+            slope_x += 2.0 * value if (n, m) == (1, 1) else 0.0
+        double = 2.0 * self.cone_f_number()
+        return double * slope_y, double * slope_x
+
+    def path(self, y: Any, x: Any) -> Any:
+        total = self.path_at(y, x, *self.height())
+        for n, m, value in self.terms():
+            total = total + value * wavefront.zernike(n, m, y, x)
+        return total
+
+    @cached_property
+    def flat(self) -> bool:
+        """No aberration that changes the shape of the spot."""
+        off_axis = self.field_y != 0 or self.field_x != 0
+        seidel = self.spherical or (off_axis and (self.coma or self.astigmatism or self.field_curvature))
+        return not (self.shift() or seidel or self.terms())
+
+    @cached_property
+    def round(self) -> bool:
+        """Aperture and wavefront depend on the distance from the centre alone."""
+        off_axis = self.field_y != 0 or self.field_x != 0
+        bent = off_axis and (self.coma or self.astigmatism)
+        return self.aperture != "polygonal" and not bent and all(m == 0 for _, m, _ in self.terms())
+
+    @property
+    def radial(self) -> bool:  # type: ignore[override]
+        """Whether the transfer function depends on the radial frequency alone."""
+        return self.round and self.moved() == (0.0, 0.0)
+
+    @cached_property
+    def even(self) -> bool:
+        """Pupil and wavefront stay the same when turned by half a turn: the transfer function is real."""
+        off_axis = self.field_y != 0 or self.field_x != 0
+        whole = self.aperture != "polygonal" or self.blades % 2 == 0
+        return whole and not (off_axis and self.coma) and all(m % 2 == 0 for _, m, _ in self.terms())
+
+    @cached_property
+    def steepness(self) -> float:
+        """Steepest slope of the wavefront in the open pupil, um per pupil radius."""
+        shape = self.shape()
+        centres = pupil.cell_centres(COARSE, shape.reach())
+        path = self.path(centres[:, None], centres)
+        return imaging.steepest_slope(path, pupil.amplitude(shape, COARSE), shape.reach())
+
+    def samples(self, shortest: float) -> int:
+        """Cells across the pupil at a wavelength (um): those asked for, or eight for every wave per pupil radius."""
+        needed = math.ceil(8.0 * self.shape().reach() * self.steepness / shortest)
+        if needed > MOST_SAMPLES:
+            raise ValueError(
+                f"the wavefront is {self.steepness / shortest:.0f} waves steep per pupil radius, and {MOST_SAMPLES} samples follow "
+                f"{MOST_SAMPLES // 8}: so far out of focus use lens_psf with a disc, or lens_gaussian"
+            )
+        wanted = max(self.pupil_samples, needed + needed % 2)
+        return min(4 * wanted, MOST_SAMPLES) if self.round else int(wanted)  # rows alone are cheap
+
+    def by_quadrature(self, shortest: float) -> bool:
+        """Whether a round wavefront is so smooth that Gauss's rule is cheaper than cells, and exact."""
+        return self.round and self.steepness <= ROUND_WAVES[self.obstruction > 0] * shortest
+
+    def prepare(self, coordinates: Any) -> Any:
+        """Tables by wavelength: (wavelengths um, nodes or None, values), or nothing where they would be too large."""
+        bands = np.asarray(coordinates["wavelength"], dtype=float) * 1e-3
+        if self.flat:
+            return None
+        if not self.round:
+            samples = self.samples(float(bands.min()))
+            if (2 * samples + 5) ** 2 * (8 if self.even else 16) * bands.size > TABLE_BYTES:
+                return None
+        return self.tables(bands)
+
+    def tables(self, bands: Any) -> tuple[Any, Any, Any]:
+        shortest = float(bands.min())
+        steep = self.steepness / shortest
+        if self.by_quadrature(shortest):
+            nodes = imaging.radial_nodes(self.obstruction, int((48 if self.obstruction else 96) * (1 + steep / 3)))
+            count = 16 + math.ceil(5 * steep)
+            return bands, nodes, np.stack([imaging.radial_otf(nodes, self.radial_path, w, self.obstruction, count) for w in bands])
+        shape, samples = self.shape(), self.samples(shortest)
+        clear = pupil.amplitude(shape, samples)
+        if self.round:
+            nodes = np.linspace(0.0, 1.0, samples + 1)
+            clear_otf = annulus.annular_otf(nodes, 1.0, 1.0, self.obstruction)
+            return bands, nodes, clear_otf + imaging.radial_changes(clear, self.radial_path, bands)
+        centres = pupil.cell_centres(samples, shape.reach())
+        path = self.path(centres[:, None], centres)
+        found = np.stack([self.lattice(clear, path, w) for w in bands])
+        return bands, None, found
+
+    def radial_path(self, square: Any) -> Any:
+        return self.path(0.0, np.sqrt(square))
+
+    def lattice(self, clear: Any, path: Any, wavelength: float) -> Any:
+        found = imaging.pupil_lattice(clear, path, wavelength)
+        return np.ascontiguousarray(found.real) if self.even else found
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any = None) -> Any:
+        number = self.cone_f_number()
+        if self.radial and fy.shape[0] > 1:
+            return on_unique_rows(lambda rows: self.without_tilt(rows, fx, wavelength, number, prepared), fy)
+        value = self.without_tilt(fy, fx, wavelength, number, prepared)
+        moved = self.moved()
+        if moved != (0.0, 0.0):
+            value = value * (np.exp(-2j * np.pi * moved[0] * fy) * np.exp(-2j * np.pi * moved[1] * fx))
+        return value
+
+    def without_tilt(self, fy: Any, fx: Any, wavelength: Any, number: float, prepared: Any) -> Any:
+        if self.flat and self.aperture != "polygonal":
+            return annulus.annular_otf(np.hypot(fy, fx), wavelength, number, self.obstruction)
+        bands = np.asarray(wavelength, dtype=float).ravel()
+        radius = np.hypot(fy, fx)
+        clear_otf = self.clear_otf(fy, fx)
+        out = np.empty((bands.size, *radius.shape), float if self.even or self.flat else complex)
+        for band, w in enumerate(bands):
+            nu = radius * (w * number)
+            if self.flat:
+                out[band] = clear_otf(nu)
+                continue
+            known, nodes, values = self.tables(bands[band : band + 1]) if prepared is None else prepared
+            own = values[int(np.argmin(np.abs(known - w)))]
+            if nodes is not None:
+                out[band] = np.where(nu == 0.0, 1.0, imaging.from_radial(nodes, own, nu))
+            else:
+                clear = clear_otf(nu)
+                change = imaging.from_lattice(own, fy, fx, float(w), number, self.shape().reach())
+                out[band] = np.where(clear > 0.0, clear + change, 0.0)
+        return out
+
+    def clear_otf(self, fy: Any, fx: Any) -> Callable[[Any], Any]:
+        """Of the aperture alone at these frequencies, as a function of |f| lambda N_w on the same grid."""
+        if self.aperture != "polygonal":
+            return lambda nu: annulus.annular_otf(nu, 1.0, 1.0, self.obstruction)
+        outline = _polygon(self.blades, math.radians(self.rotation), self.rounding)
+        place = outline.place(fy + 0.0 * fx, fx + 0.0 * fy)
+        return lambda nu: outline.at(2.0 * nu, place)
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the transform pair, and rms over scenes by how the transfer function is found (points and edges: `benchmarks/pupil.py`)."""
+        own = super().error(facts, grid, precision)[0]
+        if self.aperture == "polygonal":
+            own += 6e-6
+        if self.flat:
+            return own, "measured"
+        shortest = float(grid["irradiance"].bands().values()[0]) * 1e-3
+        if self.by_quadrature(shortest):
+            return own + 3e-6, "measured"
+        slope = 4e-3 if self.round else 1.2e-4  # a round spot may be dark in its middle: dim against what errs
+        return min(1.0, own + slope * max(1.0, self.steepness / shortest) * (128 / self.samples(shortest)) ** 2), "fitted"
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        grid: Grid = grids["irradiance"]
+        notes = too_coarse(facts, grid, self.cone_f_number() / self.shape().reach())
+        if not self.flat and not facts.uniform:
+            shortest = float(grid.bands().values()[0]) * 1e-3
+            if not self.round and self.samples(shortest) > self.pupil_samples:
+                notes.append(f"the wavefront is steep: {self.samples(shortest)} pupil samples are taken instead of {self.pupil_samples}")
+        off_axis = [n for n in ("coma", "astigmatism", "field_curvature", "distortion") if getattr(self, n)]
+        if off_axis and self.field_y == self.field_x == 0:
+            notes.append(f"{' and '.join(off_axis)} vanish on the axis; give field_y or field_x, or take the stage aberrations")
+        return notes
+
+
+@lru_cache(maxsize=8)
+def _polygon(blades: int, rotation: float, rounding: float) -> pupil.PolygonOtf:
+    return pupil.PolygonOtf(blades, rotation, rounding)

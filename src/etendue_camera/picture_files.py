@@ -1,0 +1,273 @@
+"""Pictures of files as they are: every bit of them, or a refusal that says what the file holds.
+
+In:  a PNG, JPEG or TIFF file: grey or colour, 1 to 32 bits or floats, sRGB-encoded.
+Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3), still in the file's own numbers.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue import plain_files
+from etendue.contract.bounds import beyond
+from etendue.process import unwarned
+from etendue_camera.colour_notes import colour_note, exif_note, png_note
+
+MOST_DIRECTORIES = 10_000  # of a TIFF file
+MOST_PIXELS = 50_000_000  # a gigabyte while it is read
+ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
+DNG = 50706  # tag of its version
+GREY_ALPHA = 4  # colour type of PNG
+_ELSE = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"msf1": "HEIC", b"hevc": "HEIC", b"avif": "AVIF", b"crx ": "Canon raw (CR3)"}
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_MODES = ("1", "L", "P", "RGB", "I;16", "I;16B", "I;16L", "I", "RGBA", "LA", "PA", "YCbCr")
+_TURNS: dict[int, Any] = {  # EXIF and TIFF orientation: what puts the picture upright
+    1: lambda a: a, 2: lambda a: a[:, ::-1], 3: lambda a: a[::-1, ::-1], 4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1), 6: lambda a: a.swapaxes(0, 1)[:, ::-1], 7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
+    8: lambda a: a.swapaxes(0, 1)[::-1],
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Values in the file's own numbers, and by what they are divided; what is not done to them."""
+
+    values: Any  # (rows, columns, 1 or 3), unsigned integers or floats
+    full: float
+    note: str = ""
+    table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness, y first
+
+
+def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
+    """The picture of a file of at most so many pixels, the way up that the file says.
+
+    Raises
+    ------
+    ValueError
+        No picture, a damaged one, one that is too large, more than one, transparent pixels, signed numbers, NaN or floats
+        outside 0 to 1, colours that are neither grey nor RGB: with the file, what it holds and what is allowed.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        plain_files.check_plain(path)
+        with open(path, "rb") as file:
+            start = file.read(12)
+        if start[:4] in _TIFF:
+            return _tiff(path, most)
+        if start[4:8] == b"ftyp" and start[8:] in _ELSE:
+            raise ValueError(f"{path} is {_ELSE[start[8:]]}; allowed are {ALLOWED}: save it as one of them")
+        with unwarned():  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
+            with Image.open(path) as picture:
+                kind, size = picture.format, picture.size
+            if kind not in ("PNG", "JPEG", "MPO"):
+                raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
+            _check_size(path, size[0] * size[1], most)
+            return _plain(path)
+    except UnidentifiedImageError:
+        raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
+    except Image.DecompressionBombError as error:
+        pixels = re.search(r"\((\d+) pixels\)", str(error))
+        _check_size(path, int(pixels[1]) if pixels else 10 * most, most)
+        raise ValueError(f"{path} cannot be read: {error}") from None
+    except ValueError as error:
+        text = str(error) if str(error).startswith(path) else f"{path} cannot be read as a picture: {error}"
+        raise ValueError(text) from None
+    except (OSError, EOFError, SyntaxError, LookupError, TypeError, ArithmeticError) as error:
+        raise ValueError(f"{path} cannot be read as a picture ({ALLOWED}): {' '.join(str(error).split())[:150]}") from None
+    except Exception as error:  # of a decoder: zlib.error, struct.error
+        raise ValueError(f"{path} is damaged: {type(error).__name__}: {' '.join(str(error).split())[:150]}") from None
+
+
+def _check_size(path: str, pixels: int, most: int) -> None:
+    way_out = "reduce the picture first: a scene is drawn on a grid of its own" if most == MOST_PIXELS else "cut out what is to be seen"
+    too_many = beyond(pixels, "pixels", most, way_out)
+    if too_many:
+        raise ValueError(f"{path} has {too_many}")
+
+
+def _plain(path: str) -> Picture:
+    """PNG and JPEG."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        frames = getattr(picture, "n_frames", 1)
+        if frames > 1 and picture.format != "MPO":  # a telephone's JPEG may hold a preview
+            raise ValueError(f"{path} holds {frames} pictures; save the one that is meant")
+        mode, turn = picture.mode, picture.getexif().get(0x0112, 1)
+        note = colour_note(picture.info) or exif_note(picture.getexif(), picture.info)
+        if picture.format == "PNG":
+            points = png_note(path)
+            note = note if points is None else points
+        table = _steps(getattr(picture, "quantization", None), turn)
+        if mode not in _MODES:
+            raise ValueError(f"{path} is a picture of mode {mode}; allowed are {ALLOWED}: convert it first")
+        deep = picture.format == "PNG" and _png_depth(path) == 16
+        if deep and _png_colour(path) == GREY_ALPHA:
+            raise ValueError(f"{path} is 16-bit grey with an alpha channel; save it without the channel")
+        clear = _transparent(picture)
+        if clear:
+            raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
+    if deep and mode in ("RGB", "RGBA"):
+        values = _deep_png(path, mode)[..., :3]
+    else:
+        with Image.open(path) as picture:
+            if mode.startswith("I"):
+                values = np.asarray(picture).astype(np.uint16)[..., None]
+            elif mode in ("1", "L", "LA"):
+                values = np.asarray(picture.convert("L"))[..., None]
+            else:
+                values = np.asarray(picture.convert("RGB"))
+    return Picture(_TURNS.get(turn, _TURNS[1])(values), 255.0 if values.dtype == np.uint8 else 65535.0, note, table)
+
+
+def _steps(tables: Any, turn: int) -> Any:
+    """The first quantisation table of a JPEG, as the picture stands when it is upright."""
+    if not tables or len(tables.get(0, ())) != 64:
+        return None
+    table = np.asarray(tables[0], float).reshape(8, 8)
+    return table.T if turn >= 5 else table
+
+
+def _png_depth(path: str) -> int:
+    with open(path, "rb") as file:
+        return file.read(25)[24]
+
+
+def _png_colour(path: str) -> int:
+    with open(path, "rb") as file:
+        return file.read(26)[25]
+
+
+def _transparent(picture: Any) -> int:
+    """How many pixels are not opaque."""
+    if "A" not in picture.mode and "transparency" not in picture.info:
+        return 0
+    alpha = np.asarray(picture.convert("RGBA").getchannel("A"))
+    return int(np.count_nonzero(alpha < 255))
+
+
+def _deep_png(path: str, mode: str) -> Any:
+    """All 16 bits of a colour PNG, of which Pillow hands on the upper eight: taken as little-endian, the same bytes give the lower."""
+    from PIL import Image
+
+    halves = []
+    for order in ("B", "L"):
+        with Image.open(path) as picture:
+            tile: Any = picture.tile[0]
+            raw = f"{mode};16{order}"
+            turned: Any = tile._replace(args=raw) if hasattr(tile, "_replace") else (*tile[:3], raw)
+            picture.tile = [turned]
+            halves.append(np.asarray(picture).astype(np.uint16))
+    return halves[0] * np.uint16(256) + halves[1]
+
+
+def check_directories(path: str | Path) -> None:
+    """Refuse a TIFF file whose directories stand one behind the other without end: readers would go round in it.
+
+    Raises
+    ------
+    ValueError
+        A directory points to itself, to one before it, or there are more than any picture has.
+    """
+    with open(path, "rb") as file:
+        start = file.read(16)
+        order = "<" if start[:2] == b"II" else ">"
+        large = start[2:4] in (b"+\0", b"\0+")
+        if start[:4] not in _TIFF or len(start) < (16 if large else 8):
+            return
+        count, entry, link = ("Q", 20, "Q") if large else ("H", 12, "I")
+        at, seen = struct.unpack_from(order + link, start, 8 if large else 4)[0], set[int]()
+        while at:
+            if at in seen or len(seen) >= MOST_DIRECTORIES:
+                raise ValueError(
+                    f"{path}: its directories go round in a ring, or are more than {MOST_DIRECTORIES}; no picture is written so"
+                )
+            seen.add(at)
+            file.seek(at)
+            head = file.read(struct.calcsize(order + count))
+            if len(head) < struct.calcsize(order + count):
+                return
+            file.seek(entry * struct.unpack(order + count, head)[0], 1)
+            tail = file.read(struct.calcsize(order + link))
+            at = struct.unpack(order + link, tail)[0] if len(tail) == struct.calcsize(order + link) else 0
+
+
+def _tiff(path: str, most: int) -> Picture:
+    import logging
+
+    import tifffile
+
+    check_directories(path)
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
+    with tifffile.TiffFile(path) as file:
+        pages = [page for page in file.pages if not getattr(page.aspage(), "is_reduced", False)]
+        if file.pages[0].aspage().tags.valueof(DNG) is not None:
+            raise ValueError(f"{path} is a raw file (DNG); allowed are {ALLOWED}: develop it first")
+        if len(pages) != 1:
+            raise ValueError(f"{path} holds {len(pages)} pictures; save the one that is meant")
+        page = pages[0].aspage()
+        _check_size(path, page.imagelength * page.imagewidth, most)
+        colours = page.photometric.name if hasattr(page.photometric, "name") else str(page.photometric)
+        kind = page.dtype
+        turn = int(page.tags.valueof(274, 1))
+        profile = page.tags.valueof(34675)
+        note = colour_note({"icc_profile": bytes(profile)} if profile else {})
+        if kind is None or kind.kind not in "uf" or page.bitspersample not in (8, 16, 32, 64):
+            if kind is None or page.bitspersample != 1:
+                raise ValueError(f"{path} holds {kind or page.bitspersample} numbers; allowed are unsigned integers and floats from 0 to 1")
+        if colours not in ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR"):
+            raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
+        if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
+            return Picture(_by_pillow(path), 255.0, note)
+        try:
+            values = page.asarray()
+        except (ValueError, ImportError) as error:  # a codec that is not installed
+            if kind.itemsize == 1:
+                return Picture(_by_pillow(path), 255.0, note)
+            raise ValueError(f"{path} cannot be decoded: {error}; save it without compression, or with deflate") from None
+        if page.planarconfig == 2 and values.ndim == 3:
+            values = values.transpose(1, 2, 0)
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
+        raise ValueError(f"{path} has {values.shape[2:] or values.shape} samples a pixel; allowed are {ALLOWED}")
+    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    if values.shape[2] in (2, 4):
+        clear = int(np.count_nonzero(values[..., -1] < full))
+        if clear:
+            raise ValueError(f"{path} has {clear} transparent pixels, and nobody knows what is behind them: flatten it first")
+        values = values[..., :-1]
+    if values.dtype.kind == "f":
+        _check_floats(path, values)
+    if colours == "MINISWHITE":
+        values = (values.dtype.type(full) - values).astype(values.dtype)
+    return Picture(_TURNS.get(turn, _TURNS[1])(values), full, note)
+
+
+def _by_pillow(path: str) -> Any:
+    """8-bit values of a TIFF file whose coding only Pillow knows; it turns them upright itself."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        if _transparent(picture):
+            raise ValueError(f"{path} has transparent pixels, and nobody knows what is behind them: flatten it first")
+        if picture.mode in ("1", "L"):
+            return np.asarray(picture.convert("L"))[..., None]
+        return np.asarray(picture.convert("RGB"))
+
+
+def _check_floats(path: str, values: Any) -> None:
+    """Floats are reflectances behind the sRGB curve: from 0 to 1."""
+    bad = ~((values >= 0) & (values <= 1))
+    if bad.any():
+        row, column, _ = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        raise ValueError(
+            f"{path} holds {float(values[row, column].flat[int(np.argmax(bad[row, column]))]):g} at row {row}, column {column} "
+            f"({int(bad.any(axis=2).sum())} such pixels); allowed are floats from 0 to 1"
+        )

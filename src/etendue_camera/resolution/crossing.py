@@ -1,0 +1,30 @@
+"""Where a transfer function that is known on rings falls to a share.
+
+In:  rings of frequency (growing), the transfer function on them, and how far it is in doubt.
+Out: the frequency of the crossing, in their unit; NaN where there is none.
+"""
+
+import math
+
+import numpy as np
+
+from etendue_camera.resolution.edge_line import FloatArray
+
+NEAR = 0.3  # of a crossing: the frequencies that say where it is
+
+
+def falls_to(share: float, frequency: FloatArray, sfr: FloatArray, doubt: FloatArray | None = None) -> float:
+    """Lowest crossing: found on the rings, then by a cubic through those about it, each with the weight of its doubt; NaN without."""
+    below = np.flatnonzero(sfr < share)
+    if below.size == 0 or below[0] == 0:
+        return math.nan
+    at = int(below[0])
+    chord = float(frequency[at - 1] + (frequency[at] - frequency[at - 1]) * (sfr[at - 1] - share) / (sfr[at - 1] - sfr[at]))
+    about = np.abs(frequency / chord - 1) < NEAR
+    if about.sum() < 6:
+        return chord
+    weight = None if doubt is None else 1 / np.maximum(doubt[about], 1e-6)
+    curve = np.polynomial.polynomial.polyfit(frequency[about] / chord - 1, sfr[about] - share, 3, w=weight)
+    roots = np.polynomial.polynomial.polyroots(curve)
+    real = roots.real[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < NEAR)]
+    return chord * (1 + float(real[np.abs(real).argmin()])) if real.size else chord

@@ -1,0 +1,108 @@
+"""What a restoring filter does to resolution and to noise, from its transfer function.
+
+In:  responses at spatial frequencies (cycles/pixel), real or complex; the transfer function of what stands in front.
+Out: gain in MTF50 and in noise, dimensionless.
+Sources: Parseval's theorem for noise behind a linear filter.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue_camera.resolution import contrast
+
+
+def response_noise_gain(response: ArrayLike, spectrum: ArrayLike | None = None) -> float:
+    """Factor by which a linear filter multiplies the standard deviation of noise.
+
+    Parameters
+    ----------
+    response : (m, n) array, dimensionless
+        Transfer function at frequencies that divide the square of one cycle per pixel evenly (those of a full discrete
+        transform), real or complex.
+    spectrum : (m, n) array, any unit, or None
+        Power spectrum of the noise at the same frequencies, not negative; None: white.
+
+    Returns
+    -------
+    float, dimensionless
+        Root of the mean of |response|^2, weighted with the spectrum.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a spectrum is negative or nowhere positive.
+
+    Notes
+    -----
+    Source: Parseval. Exact for a filter with fewer taps than frequencies.
+    """
+    power = np.abs(np.asarray(response)) ** 2
+    if spectrum is None:
+        return math.sqrt(float(power.mean()))
+    spectrum = np.asarray(spectrum, dtype=float)
+    if spectrum.shape != power.shape:
+        raise ValueError(f"spectrum has shape {spectrum.shape}; allowed is that of the response, {power.shape}")
+    if not (np.all(spectrum >= 0) and spectrum.sum() > 0):
+        raise ValueError("spectrum holds negative values or nothing above 0; allowed are powers")
+    return math.sqrt(float((power * spectrum).sum() / spectrum.sum()))
+
+
+def bilinear_noise_spectrum(fy: ArrayLike, fx: ArrayLike, green: bool) -> NDArray:
+    """Power spectrum that white noise of a Bayer mosaic has behind bilinear demosaicing, averaged over the pixels of a tile.
+
+    Parameters
+    ----------
+    fy, fx : (...) array, cycles/pixel
+    green : bool
+        The channel on every second pixel, or one of those on every fourth.
+
+    Returns
+    -------
+    (...) array, dimensionless
+        1 for noise as white as that of the mosaic. Its mean is the mean variance: 5/8 in green, 9/16 in red and blue.
+
+    Notes
+    -----
+    The interpolation kernel's squared response times the share of pixels that have a sample.
+    """
+    cy, cx = np.cos(2 * np.pi * np.asarray(fy, dtype=float)), np.cos(2 * np.pi * np.asarray(fx, dtype=float))
+    return 0.5 * (1 + 0.5 * (cy + cx)) ** 2 if green else 0.25 * ((1 + cy) * (1 + cx)) ** 2
+
+
+def mtf50_gain(
+    system: Callable[[NDArray], NDArray], response: Callable[[NDArray], NDArray], highest: float = 1.0, nodes: int = 256
+) -> float:
+    """Ratio of the frequency of half contrast behind a restoring filter to that in front of it.
+
+    Parameters
+    ----------
+    system : callable
+        Frequencies (n,) in cycles/pixel to the transfer function (n,) of what the filter is given.
+    response : callable
+        The same of the filter. It works on pixels, so that it repeats itself with each cycle per pixel.
+    highest : float, cycles/pixel
+        Where the search ends.
+    nodes : int
+        Frequencies at which the first crossing is looked for.
+
+    Returns
+    -------
+    float, dimensionless
+        Above 1 where the filter sharpens. NaN where contrast stays above one half up to ``highest``, before or after.
+
+    Notes
+    -----
+    Contrast is relative to that at zero frequency, before and after. See `resolution.mtf50` for the search.
+    """
+    start = abs(complex(np.asarray(system(np.zeros(1)))[0])), abs(complex(np.asarray(response(np.zeros(1)))[0]))
+
+    def before(frequency: NDArray) -> NDArray:
+        return np.abs(np.asarray(system(frequency)))[None] / start[0]
+
+    def after(frequency: NDArray) -> NDArray:
+        return before(frequency) * (np.abs(np.asarray(response(frequency)))[None] / start[1])
+
+    return contrast.mtf50(after, None, highest, nodes) / contrast.mtf50(before, None, highest, nodes)

@@ -1,0 +1,232 @@
+"""Transfer function from the picture of a sinusoidal Siemens star: a sine fitted to every ring about its centre.
+
+In:  a linear picture (y, x) of a star, its number of cycles and its radius (pixels).
+Out: frequencies (cycles/pixel), response, MTF50 with flags, the refined centre.
+Sources: ISO 12233 (s-SFR), Loebich et al. (2007); the star's own transform is a Hankel transform of order ``cycles``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from etendue_camera.resolution.crossing import falls_to
+from etendue_camera.resolution.edge_line import FloatArray, Sites
+
+NYQUIST = 0.5
+RING = 0.02  # width of a ring, of its radius
+NARROWEST = 1.0  # width of a ring, pixels
+FEWEST = 12  # pixels in a ring for the three numbers fitted to it
+ROUNDS, STILL = 30, 1e-6  # pixels of movement of the centre
+OUTER = 3.0  # times the lowest frequency: the rings that say what the modulation tends to
+
+
+@dataclass(frozen=True)
+class StarResponse:
+    """What a star says. Frequencies in cycles/pixel, ascending; lengths in pixels."""
+
+    frequency: FloatArray
+    sfr: FloatArray
+    doubt: FloatArray  # standard error of sfr
+    radius: FloatArray  # of the rings
+    mtf50: float  # NaN where it is not reached, or lies below the frequency of the outermost ring
+    mtf10: float
+    above_nyquist: bool
+    not_reached: bool
+    centre: tuple[float, float]  # y, x from the first pixel
+    contrast: float  # modulation by which the response was divided
+    residual: float  # rms of the picture about the fitted star, of its mean
+
+    @property
+    def mtf50_limited(self) -> float:
+        """MTF50, but at most the Nyquist frequency."""
+        return NYQUIST if self.not_reached else min(self.mtf50, NYQUIST)  # NaN stays
+
+
+def star_response(
+    picture: ArrayLike,
+    cycles: int,
+    radius: float,
+    *,
+    centre: tuple[float, float] | None = None,
+    refine: bool = True,
+    contrast: float | None = None,
+    highest: float = 0.7,
+    sites: ArrayLike | None = None,
+) -> StarResponse:
+    """Measure the response of whatever made a picture of a sinusoidal star.
+
+    Parameters
+    ----------
+    picture : (y, x) array, any linear unit with 0 for no light
+    cycles : int
+        Periods in one turn, at least 8.
+    radius : float, pixels
+        Of the star; its outermost 5 % are left out.
+    centre : (float, float) or None, pixels
+        y and x of its centre from the first pixel; None: the middle of the picture. Must be right to about a quarter of
+        a cycle at the innermost ring that shows contrast.
+    refine : bool
+        Whether the centre is searched for from there.
+    contrast : float or None
+        Modulation of the star, (light - dark)/(light + dark), above 0 and at most 1. None: what the outer rings tend
+        to towards frequency 0, by a parabola through their logarithms.
+    highest : float, cycles/pixel
+        Up to 1; the innermost ring has it.
+    sites : (y, x) array of bool or None
+        The pixels to use, such as those of one colour of a mosaic; None: all. Frequencies stay in cycles per pixel of the picture.
+
+    Returns
+    -------
+    StarResponse
+
+    Raises
+    ------
+    ValueError
+        Arguments out of range, a star that does not fit into the picture or has fewer than four rings, or no star.
+
+    Notes
+    -----
+    A ring of radius r holds f = cycles/(2 pi r). Its pixels are fitted by a + b cos(n phi) + c sin(n phi), whatever their
+    places, so that frequencies above 0.5 cycles/pixel do not fold; noise is taken out of b^2 + c^2. The centre moves by
+    Gauss-Newton until the sines stand still.
+
+    A ring does not hold one frequency alone: for a round transfer function H it gives n times the integral of
+    H(g) J_n(2 pi g r)/g dg, which is H - f^3 H'''/(6 n^2) to the next order. Error of the MTF50 against the closed form of a
+    Gaussian, noise-free, contrast given: below 0.1 % for 36 cycles and 0.05 % for 144; contrast not given: 1 %.
+    """
+    image = np.asarray(picture, np.float64)
+    mask = np.ones(image.shape, np.bool_) if sites is None else np.asarray(sites, np.bool_)
+    _check(image, cycles, radius, contrast, highest)
+    if mask.shape != image.shape:
+        raise ValueError(f"sites has shape {mask.shape}; allowed is the picture's shape {image.shape}")
+    place: FloatArray = np.array(centre if centre is not None else (0.5 * (image.shape[0] - 1), 0.5 * (image.shape[1] - 1)), np.float64)
+    inner, outer = max(cycles / (2 * np.pi * highest), 1.0), 0.95 * radius
+    edges = _edges(inner, outer)
+    if len(edges) < 5:
+        raise ValueError(f"radius is {radius}; with {cycles} cycles and highest = {highest:g} that leaves less than four rings")
+    if refine:
+        place = _refined(image, mask, place, cycles, edges)
+    if np.any(place - outer < -0.5) or np.any(place + outer > np.array(image.shape) - 0.5):
+        raise ValueError(f"radius is {radius}; allowed is a star inside the picture {image.shape} about its centre {tuple(place)}")
+    rings = _rings(image, mask, place, cycles, edges)
+    amplitude = np.sqrt(np.maximum(rings.b**2 + rings.c**2 - 2 * rings.variance, 0.0))
+    modulation = amplitude / rings.mean
+    doubt = np.sqrt(rings.variance) / np.abs(rings.mean)
+    frequency = rings.frequency
+    order = np.argsort(frequency)
+    frequency, modulation, doubt = frequency[order], modulation[order], doubt[order]
+    if not modulation[: len(order) // 4 + 1].max() > 4 * np.median(doubt):
+        raise ValueError("picture shows no star that can be measured; allowed is a star of that many cycles about that centre")
+    full = contrast if contrast is not None else at_zero(frequency, modulation, doubt)
+    sfr = modulation / full
+    mtf50, mtf10 = (falls_to(share, frequency, sfr, doubt / full) for share in (0.5, 0.1))
+    return StarResponse(
+        frequency, sfr, doubt / full, cycles / (2 * np.pi * frequency), mtf50, mtf10,
+        above_nyquist=bool(mtf50 > NYQUIST),
+        not_reached=not (sfr < 0.5).any(),
+        centre=(float(place[0]), float(place[1])),
+        contrast=float(full),
+        residual=rings.residual / float(np.mean(rings.mean)),
+    )  # fmt: skip
+
+
+def _check(image: FloatArray, cycles: int, radius: float, contrast: float | None, highest: float) -> None:
+    if image.ndim != 2 or not np.isfinite(image).all():
+        raise ValueError(f"picture must be (y, x) of finite values, got shape {image.shape}")
+    if cycles != int(cycles) or cycles < 8:
+        raise ValueError(f"cycles is {cycles}; allowed is a whole number from 8")
+    if not 0 < radius < math.inf:
+        raise ValueError(f"radius is {radius}; allowed is a length above 0")
+    if contrast is not None and not 0 < contrast <= 1:
+        raise ValueError(f"contrast is {contrast}; allowed is above 0 and at most 1")
+    if not 0 < highest <= 1:
+        raise ValueError(f"highest is {highest}; allowed is above 0 and at most 1")
+
+
+def _edges(inner: float, outer: float) -> FloatArray:
+    """Borders of the rings: a share of the radius apart, but a pixel at least."""
+    found = [outer]
+    while found[-1] > inner:
+        found.append(found[-1] - max(RING * found[-1], NARROWEST))
+    return np.array([r for r in found if r >= inner][::-1])
+
+
+@dataclass(frozen=True)
+class _Rings:
+    frequency: FloatArray
+    mean: FloatArray
+    b: FloatArray
+    c: FloatArray
+    variance: FloatArray  # of b, and of c
+    residual: float
+    # of the pixels: ring, offsets from the centre, picture less fit, the two waves
+    ring: NDArray[np.intp]
+    y: FloatArray
+    x: FloatArray
+    rest: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+
+
+def _rings(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> _Rings:
+    """Mean, cosine and sine of every ring by least squares."""
+    y, x = np.arange(image.shape[0])[:, None] - place[0], np.arange(image.shape[1])[None, :] - place[1]
+    distance = np.hypot(y, x)
+    ring = np.searchsorted(edges, distance) - 1
+    inside = mask & (ring >= 0) & (ring < len(edges) - 1)
+    counts = np.bincount(ring[inside], minlength=len(edges) - 1)
+    inside &= (counts >= FEWEST)[np.clip(ring, 0, len(edges) - 2)]
+    used = np.unique(ring[inside])
+    own = np.searchsorted(used, ring[inside])
+    y, x = np.broadcast_to(y, image.shape)[inside], np.broadcast_to(x, image.shape)[inside]
+    value, near = image[inside], distance[inside]
+    angle = cycles * np.arctan2(y, x)
+    waves = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    count = len(used)
+    normal = np.empty((count, 3, 3))
+    right = np.empty((count, 3))
+    for i in range(3):
+        right[:, i] = np.bincount(own, waves[i] * value, count)
+        for j in range(3):
+            normal[:, i, j] = np.bincount(own, waves[i] * waves[j], count)
+    inverse = np.linalg.pinv(normal)
+    found = np.einsum("rij,rj->ri", inverse, right)
+    rest = value - np.einsum("ip,pi->p", waves, found[own])
+    total = np.bincount(own, minlength=count)
+    power = np.bincount(own, rest**2, count) / np.maximum(total - 3, 1)
+    variance = power * 0.5 * (inverse[:, 1, 1] + inverse[:, 2, 2])
+    frequency = np.bincount(own, cycles / (2 * np.pi * near), count) / total
+    residual = float(np.sqrt(np.mean(rest**2)))
+    return _Rings(frequency, found[:, 0], found[:, 1], found[:, 2], variance, residual, own, y, x, rest, waves[1], waves[2])
+
+
+def _refined(image: FloatArray, mask: Sites, place: FloatArray, cycles: int, edges: FloatArray) -> FloatArray:
+    """Move the centre to where the sines of all rings have one phase and leave least."""
+    for _ in range(ROUNDS):
+        rings = _rings(image, mask, place, cycles, edges)
+        phase = np.angle((rings.b + 1j * rings.c).sum())
+        size = np.maximum(rings.b * np.cos(phase) + rings.c * np.sin(phase), 0.0)[rings.ring]
+        turned = cycles * size * (np.cos(phase) * rings.sine - np.sin(phase) * rings.cosine)
+        squared = rings.y**2 + rings.x**2
+        design = np.stack([turned * rings.x / squared, -turned * rings.y / squared], axis=1)
+        # of what the waves of one phase leave, turned by the angle that a shift of the centre makes
+        rest = rings.rest + (rings.b[rings.ring] * rings.cosine + rings.c[rings.ring] * rings.sine)
+        rest = rest - size * (np.cos(phase) * rings.cosine + np.sin(phase) * rings.sine)
+        step = np.linalg.lstsq(design, rest, rcond=None)[0]
+        place = place + np.clip(step, -2.0, 2.0)
+        if np.all(np.abs(step) < STILL):
+            break
+    return place
+
+
+def at_zero(frequency: FloatArray, modulation: FloatArray, doubt: FloatArray) -> float:
+    """What the modulation tends to towards frequency 0: exp of a parabola through the logarithms of the outer rings."""
+    low = (frequency <= max(OUTER * float(frequency[0]), float(frequency[min(5, len(frequency) - 1)]))) & (modulation > 3 * doubt)
+    if low.sum() < 4:
+        raise ValueError("picture shows no star that can be measured without its contrast; allowed is a known contrast")
+    weight = modulation[low] / np.maximum(doubt[low], 1e-6)
+    return float(np.exp(np.polynomial.polynomial.polyfit(frequency[low], np.log(modulation[low]), 2, w=weight)[0]))

@@ -1,0 +1,139 @@
+"""What a camera tells of fine detail, in every cell of a sweep: information capacity, NEQ, SNRi, from its own figures.
+
+In:  the transfer functions of all stages, the white of the light, the expected charge of the picture.
+Out: bits a pixel and SNRi by ``stage``, NEQ of the whole camera by frequency.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Line, Probe, param, quantity
+from etendue.contract.roles import CROSSTALK, DEFECTIVE, PROCESSING
+from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets, elsewhere
+from etendue_camera.resolution import information
+from etendue_camera.sensor import cfa
+from etendue_camera.sensor.stages.masks import mask_of
+
+FREQUENCIES = 33  # from 0 to Nyquist
+
+
+@dataclass(frozen=True, kw_only=True)
+class Information(KnownNoise, Probe):
+    """Information capacity up to each stage, noise equivalent quanta and the ideal observer, of grey detail about the picture's mean.
+
+    The mean charge of every channel is that of the picture (``expected_charge``), and the light's part of it that of ``photocurrent``
+    beside the dark current. Its noise is shot noise, ``read_noise``, ``dsnu``, rounding, and what the stages in front say of PRNU, of the
+    spread of the dark current, and of rows and columns. All pixels of the mosaic are taken together, each by its own noise; the stages
+    behind the mosaic are not looked at, see ``etendue information``.
+
+    ``information_capacity``: bits a pixel, half the integral over the Nyquist square of log2(1 + variance NEQ), with the blurs up to a
+    stage and all of the noise; ``information_of_light`` is that of the photoelectrons alone, without blur and with their shot noise.
+    The signal is light between two levels of ``contrast_ratio``, all equally likely, with the same power up to Nyquist: variance
+    (range/mean)^2 / 12. ``neq`` is along x, in quanta a pixel. ``snri``: of a Gaussian spot ``object_size`` pixels wide at half height.
+    NaN from the first stage on that moves light without being a transfer function.
+    """
+
+    role: ClassVar = "resolution"
+    with_grids: ClassVar = True
+    reads: ClassVar = {
+        "transfers": "*.transfer [1]",
+        "lights": "*.white_irradiance wavelength [W m-2 nm-1]",
+        "charges": "*.expected_charge y x [electron]",
+        "currents": "*.photocurrent y x [electron/s]",
+        "sheets": "*.datasheet [1]",
+    }
+    beside: ClassVar = ("lights", "charges", "currents", "sheets")
+    writes: ClassVar = {
+        "information_capacity": "stage [1] nan", "information_of_light": "[1] nan", "snri": "stage [1] nan", "neq": "detail [1] nan",
+    }  # fmt: skip
+    unseen: ClassVar = dict.fromkeys(("information_capacity", "snri", "neq"), (CROSSTALK, *DEFECTIVE, *PROCESSING, "merging"))
+    creates: ClassVar = {"detail": Line(FREQUENCIES, 0.0, 0.5 / (FREQUENCIES - 1), "cycles/pixel")}
+    nanoseconds: ClassVar = 2e7
+
+    pattern: str = quantity("pattern")
+    prnu: float = param(0.01, at_least=0, at_most=1, doc="relative rms of the response from pixel to pixel, where no stage says it")
+    contrast_ratio: float = param(4.0, above=1, at_most=1e6, doc="of the brightest to the darkest detail")
+    object_size: float = param(4.0, at_least=0.5, at_most=12, units="pixel", doc="width of the spot at half height")
+    object_contrast: float = param(0.05, above=0, at_most=1, doc="of the spot, at its peak")
+
+    def run(self, transfers: Any, lights: Any, charges: Any, currents: Any = (), sheets: Sheets = ()) -> dict[str, Any]:
+        count = len(transfers)
+        found = {name: np.full(count, math.nan) for name in ("information_capacity", "snri")}
+        nothing = {**found, "information_of_light": np.array(math.nan), "neq": np.full(FREQUENCIES, math.nan)}
+        pixel = next((otf for _, otf in transfers if otf.weights is not None), None)
+        if pixel is None or not charges:
+            return nothing
+        charge = self.by_channel(*charges[0][1:])
+        white = lights[-1][1].astype(float) if lights else None
+        colours = self.colours(pixel.weights, white)
+        if len(colours) != len(charge) or not all(e > 0 for e in charge):
+            return nothing
+        square, variance = information.nyquist_square(), information.signal_variance(self.contrast_ratio)
+        spot = information.gaussian_object(square.fy[:, None], square.fx, self.object_size / math.sqrt(8 * math.log(2)))
+        shares, (light, noise) = self.shares(), self.light_and_noise(charge, currents, sheets)
+
+        def quanta(otf: Any, fy: Any, fx: Any) -> Any:
+            """(m, n): of all channels together."""
+            return sum(
+                share * information.neq(e * contrast, variance)
+                for share, e, variance, contrast in zip(shares, light, noise, self.contrasts(otf, colours, white, fy, fx), strict=True)
+            )
+
+        for number, (_, otf) in enumerate(transfers):
+            if otf.whole:
+                seen = quanta(otf, square.fy, square.fx)
+                found["information_capacity"][number] = information.capacity(seen, square, variance)
+                found["snri"][number] = information.ideal_observer(seen, spot, square, self.object_contrast)
+        neq = quanta(pixel, np.zeros(1), np.linspace(0.0, 0.5, FREQUENCIES))[0] if pixel.whole else nothing["neq"]
+        return {**found, "information_of_light": np.array(0.5 * math.log2(1 + variance * float(np.dot(shares, light)))), "neq": neq}
+
+    def contrasts(self, otf: Any, colours: Any, white: Any, fy: Any, fx: Any) -> Any:
+        """(channel, m, n) at frequencies in cycles/pixel."""
+        fy, fx = np.asarray(fy) / self.pixel_pitch, np.asarray(fx) / self.pixel_pitch
+        if otf.behind:
+            return otf.channels(fy, fx, white)
+        blurs = otf.plane(fy, fx)
+        return [np.tensordot(colour, blurs, 1) for colour in colours]
+
+    def light_and_noise(self, charge: Any, currents: Any, sheets: Sheets) -> tuple[Any, Any]:
+        """(channel,) charge of the light, electron, and variance of a pixel, electron^2."""
+        figures = [sheet.figures for _, sheet in sheets]
+        dark, spread = (sum(own.get(name, 0.0) for own in figures) for name in ("dark_current", "dark_spread"))
+        said = [own["prnu"] for own in figures if "prnu" in own]
+        mosaics = [(current, grid) for _, current, grid in currents if "channel" not in grid]
+        light = charge
+        if dark > 0 and mosaics:  # the same time for both
+            current = np.maximum(self.by_channel(*mosaics[-1]), 0.0)
+            light = charge * (current / (current + dark))
+        floor = self.read_sigma() ** 2 + self.dsnu**2 + 1 / (12 * self.dn_per_electron() ** 2)
+        floor += elsewhere(sheets, "read_noise") + elsewhere(sheets, "dsnu")
+        patterns = (math.hypot(*said) if said else self.prnu) * light, (spread / dark if dark > 0 else 0.0) * (charge - light)
+        return light, charge + floor + patterns[0] ** 2 + patterns[1] ** 2
+
+    def shares(self) -> Any:
+        """(channel,): of the pixels of the mosaic."""
+        mask = mask_of(self.pattern)
+        letters = "".join("".join(row) for row in mask.rows)
+        return np.array([letters.count(channel) / len(letters) for channel in mask.channels])
+
+    def by_channel(self, mosaic: Any, grid: Any) -> Any:
+        """(channel,) means of a mosaic, of the first exposure."""
+        mosaic = mosaic.reshape(-1, *mosaic.shape[-2:])[0]
+        y, x, mask = grid.line("y"), grid.line("x"), mask_of(self.pattern)
+        index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
+        return np.array([float(np.mean(mosaic[index == c])) if np.any(index == c) else math.nan for c in range(len(mask.channels))])
+
+    @staticmethod
+    def colours(weights: Any, light: Any) -> Any:
+        """(channel, wavelength): shares of the photons of a grey surface."""
+        own = np.asarray(weights, dtype=float) * (1.0 if light is None else light)
+        return own / own.sum(axis=1, keepdims=True)
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of bits, relative: largest where a diffraction cut-off lies inside the square."""
+        return 2e-4, "measured"

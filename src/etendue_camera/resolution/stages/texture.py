@@ -1,0 +1,229 @@
+"""What a run resolves of a star and of texture: a Siemens star and dead leaves measured in every picture of it.
+
+In:  the pictures and white of all stages.
+Out: MTF50 and MTF10 of the star, MTF50 of the texture, by ``stage``; NaN where there is nothing to be measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy
+
+from etendue.api import Probe, param, quantity
+from etendue_camera.resolution.siemens import StarResponse, star_response
+from etendue_camera.resolution.stages.edge import LUMINANCE, NOISE_FREE, SATURATED, EdgeProbe, _first, _luminance, _mixed, _second
+from etendue_camera.resolution.stages.edge_pictures import FAINTEST
+from etendue_camera.resolution.texture import SMALLEST, TextureResponse, texture_response
+from etendue_camera.sensor.stages.masks import mask_of
+
+MARGIN = 1.0  # pixels between the outermost ring and the border, in which the centre may move
+OUTERMOST = 0.75  # response of the outermost ring, below which it says too little of a contrast that is not known
+REFERENCE = 1.0  # rms width, in pixels, of the Gaussian that keeps a reference on a coarser grid from folding
+TAIL, ORDER = 6.0, 5  # rms widths after which it is left out; of the spline that reads it between samples
+EVEN = 0.2  # least over most of the energy of slopes along any two directions, from which on a picture is no edge
+DOUBTFUL = 0.05  # standard error of the response at half contrast from which on there is no telling where it is
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Pictures(Probe):
+    """The luminance of every picture of a run, as `edge_resolution` has it. Cycles per pixel count camera pixels at every stage."""
+
+    role: ClassVar = "resolution"
+    with_grids: ClassVar = True
+    reads: ClassVar = dict(EdgeProbe.reads)
+    beside: ClassVar = EdgeProbe.beside
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    pattern: str = quantity("pattern")
+    encoding: str = param("sRGB", choices=("sRGB", "BT.709", "power"), doc="of rgb_display, as the stage encode has it")
+    exponent: float = param(0.45, above=0, at_most=5, doc="of encoding 'power'")
+
+    def planes(self, transfers: Any, matrices: Any, whites: Any, given: dict[str, Any]) -> Iterator[tuple[str, str, Any, Any]]:
+        """(stage, variable, plane, grid); the plane is None where it is clipped or shows one colour here and another there."""
+        green = _second(next((otf.weights for _, otf in transfers if otf.weights is not None), None))
+        y_row, display = _luminance(matrices, whites), np.array(LUMINANCE)
+        edge = EdgeProbe(encoding=self.encoding, exponent=self.exponent)  # decodes
+        if given["rgb_display"] and given["rgb_linear"]:
+            edge.check_encoding(given["rgb_linear"][-1][1], given["rgb_display"][-1][1])
+        taken = {
+            "irradiance": lambda a: np.tensordot(np.ones(len(a)) if green is None else green, a, 1),
+            "photon_rate": lambda a: a[min(1, len(a) - 1)],
+            "mosaic_linear": lambda a: a if len(mask_of(self.pattern).channels) == 1 else None,
+            "rgb_camera": lambda a: _mixed(y_row, a),
+            "xyz_scene": lambda a: a[1],
+            "rgb_linear": lambda a: _mixed(display, a),
+            "rgb_display": lambda a: None if _clipped(a) or _clipped(1 - np.asarray(a)) else _mixed(display, edge.decoded(a)),
+        }
+        clipped = any(_clipped(array) for _, array, _ in given["mosaic_linear"][:1])
+        for variable, pictures in given.items():
+            for name, array, grid in pictures:
+                plane = None if clipped and variable not in NOISE_FREE else taken[variable](_first(array, variable))
+                yield name, variable, None if plane is None else np.asarray(plane, dtype=float), grid
+
+
+@dataclass(frozen=True, kw_only=True)
+class StarProbe(_Pictures):
+    """The sinusoidal Siemens star of the pipeline's own scene, measured at every stage that has a picture.
+
+    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is left out.
+    ``cycles`` and ``radius`` are those of the scene; of a star that does not fit into a picture what fits is measured. Frequencies
+    are means over all directions, the rendering of the chart included.
+
+    Contrast is divided by that of the star in front of the lens (what the outer rings of the first ``irradiance`` tend to towards
+    frequency 0), so that a camera's veiling glare counts as contrast lost.
+
+    NaN where there is no star of so many cycles about that centre, where it is fainter than 2 % or than what is left about the fitted
+    star, where the picture is too small for rings below half contrast, clipped, or half contrast is not reached at ``highest``.
+    """
+
+    writes: ClassVar = {
+        "star_mtf50": "stage [cycles/um] nan", "star_mtf50_cycles": "stage [cycles/pixel] nan", "star_mtf10": "stage [cycles/um] nan",
+    }  # fmt: skip
+    nanoseconds: ClassVar = 1e8
+
+    cycles: int = param(36, at_least=8, doc="of the star, as the scene has it")
+    radius: float = param(400.0, units="um", above=0, doc="of the star on the image plane, as the scene has it")
+    centre_y: float = param(0.0, units="um", doc="its centre on the image plane, right to a quarter of the finest cycle")
+    centre_x: float = param(0.0, units="um", doc="the same along x")
+    contrast: float = param(0.0, at_least=0, at_most=1, doc="(light - dark)/(light + dark) of the star; 0: that of the first irradiance")
+    highest: float = param(0.7, above=0, at_most=1, doc="cycles/pixel of the innermost ring")
+
+    def run(
+        self, transfers: Any, lights: Any, matrices: Any, whites: Any, irradiance: Any, photon_rate: Any, mosaic_linear: Any,
+        rgb_camera: Any, xyz_scene: Any, rgb_linear: Any, rgb_display: Any, stage: Any,
+    ) -> dict[str, Any]:  # fmt: skip
+        given = {
+            "irradiance": irradiance, "photon_rate": photon_rate, "mosaic_linear": mosaic_linear, "rgb_camera": rgb_camera,
+            "xyz_scene": xyz_scene, "rgb_linear": rgb_linear, "rgb_display": rgb_display,
+        }  # fmt: skip
+        found = {}
+        contrast = self.contrast
+        for name, variable, plane, grid in self.planes(transfers, matrices, whites, given):
+            star = None if plane is None else self.measured(plane, grid, contrast)
+            if not contrast and star is not None and variable == "irradiance":
+                contrast = min(1.0, star.contrast)
+            half, tenth = (math.nan, math.nan) if star is None else (star.mtf50, star.mtf10)
+            step = grid.line("x").um()[1]
+            found[name] = (half / step, half / step * self.pixel_pitch, tenth / step)
+        rows = np.array([found[name] for name in stage], dtype=float).reshape(-1, 3)
+        return {"star_mtf50": rows[:, 0], "star_mtf50_cycles": rows[:, 1], "star_mtf10": rows[:, 2]}
+
+    def measured(self, plane: Any, grid: Any, contrast: float) -> StarResponse | None:
+        """The star of a picture, None where there is none; contrast 0 where it is not known."""
+        places = [(c - start) / step for c, (start, step) in zip((self.centre_y, self.centre_x), _lines(grid), strict=True)]
+        room = min(min(place, size - 1 - place) for place, size in zip(places, plane.shape, strict=True)) - MARGIN
+        radius = min(self.radius / grid.line("x").um()[1], room / 0.95)  # the kernel leaves the last twentieth out
+        if not radius > 0:
+            return None
+        low = [math.floor(place - radius - MARGIN) for place in places]
+        part = plane[tuple(slice(max(0, a), math.ceil(p + radius + MARGIN) + 1) for a, p in zip(low, places, strict=True))]
+        centre = (places[0] - max(0, low[0]), places[1] - max(0, low[1]))
+        try:
+            with np.errstate(all="ignore"):
+                star = star_response(part, self.cycles, radius, centre=centre, contrast=contrast or None, highest=self.highest)
+        except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without a star
+            return None
+        moved = math.hypot(star.centre[0] - centre[0], star.centre[1] - centre[1])
+        outermost = 0.0 if contrast else OUTERMOST
+        if not (star.contrast >= FAINTEST and star.residual <= star.contrast and star.sfr[0] >= outermost and moved < 0.1 * radius):
+            return None
+        return star
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of a noise-free star of 36 cycles."""
+        return 2e-3, "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeavesProbe(_Pictures):
+    """The texture of the pipeline's own scene, measured at every stage that has a picture by its cross spectrum with the light
+    in front of the lens.
+
+    That reference is the first ``irradiance``: taken as it is on the same grid, else blurred by a Gaussian of one pixel, which is
+    taken out again, and read at the pixels' centres. The rendering of the chart is in both and cancels: it is the response of what
+    stands behind, mean over all directions. Noise and aliases, which the reference does not explain, do not count.
+
+    Luminance is measured as in ``edge_resolution``, over the whole of every picture: the mosaic of several colours is left out.
+    NaN where there is no texture (even light, or edges of one direction), a picture of fewer than 64 x 64 pixels, a clipped one, or
+    half contrast that is not reached below 0.5 cycles/pixel or is hidden by noise.
+    """
+
+    writes: ClassVar = {"leaves_mtf50": "stage [cycles/um] nan", "leaves_mtf50_cycles": "stage [cycles/pixel] nan"}
+    nanoseconds: ClassVar = 1e8
+
+    def run(
+        self, transfers: Any, lights: Any, matrices: Any, whites: Any, irradiance: Any, photon_rate: Any, mosaic_linear: Any,
+        rgb_camera: Any, xyz_scene: Any, rgb_linear: Any, rgb_display: Any, stage: Any,
+    ) -> dict[str, Any]:  # fmt: skip
+        given = {
+            "irradiance": irradiance, "photon_rate": photon_rate, "mosaic_linear": mosaic_linear, "rgb_camera": rgb_camera,
+            "xyz_scene": xyz_scene, "rgb_linear": rgb_linear, "rgb_display": rgb_display,
+        }  # fmt: skip
+        found, first, held = {}, None, {}
+        for name, variable, plane, grid in self.planes(transfers, matrices, whites, given):
+            if first is None and variable == "irradiance" and plane is not None:
+                first = (plane, grid)
+            half = math.nan
+            if first is not None and plane is not None and min(plane.shape) >= SMALLEST:
+                where = (plane.shape, _lines(grid))
+                if where not in held:
+                    held[where] = _reference(*first, plane.shape, grid)
+                half = _half(plane, *held[where])
+            half /= grid.line("x").um()[1]
+            found[name] = (half, half * self.pixel_pitch)
+        rows = np.array([found[name] for name in stage], dtype=float).reshape(-1, 2)
+        return {"leaves_mtf50": rows[:, 0], "leaves_mtf50_cycles": rows[:, 1]}
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of a noise-free picture of 144 x 144 pixels at 0.49 cycles/pixel, where aliases are near; 4e-3 up to 0.38."""
+        return 4e-2, "measured"
+
+
+def _clipped(array: Any) -> bool:
+    return float(np.mean(np.asarray(array) >= 1)) > SATURATED
+
+
+def _lines(grid: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    """(start, step) of y and of x, um."""
+    return grid.line("y").um(), grid.line("x").um()
+
+
+def _reference(plane: Any, grid: Any, shape: tuple[int, int], wanted: Any) -> tuple[Any, float]:
+    """The light at the places of another grid, and the rms width (pixels) of what it was blurred with; None where it is no texture."""
+    own, other = _lines(grid), _lines(wanted)
+    if shape == plane.shape and np.allclose(own, other, rtol=1e-9, atol=1e-9 * own[1][1]):
+        return (plane, 0.0) if _textured(plane) else (None, 0.0)
+    places = [(start + step * np.arange(n) - a) / b for n, (start, step), (a, b) in zip(shape, other, own, strict=True)]
+    width = [REFERENCE * step / b for (_, step), (_, b) in zip(other, own, strict=True)]
+    blurred = scipy.ndimage.gaussian_filter(plane, width, truncate=TAIL, mode="mirror")
+    read = scipy.ndimage.map_coordinates(blurred, np.meshgrid(*places, indexing="ij"), order=ORDER, mode="mirror")
+    return (read, REFERENCE) if _textured(read) else (None, 0.0)
+
+
+def _textured(plane: Any) -> bool:
+    """Whether a picture has slopes in all directions."""
+    down, across = np.gradient(plane)
+    tensor = np.array([[np.sum(down**2), np.sum(down * across)], [np.sum(down * across), np.sum(across**2)]])
+    least, most = np.linalg.eigvalsh(tensor)
+    return bool(np.std(plane) >= FAINTEST * abs(np.mean(plane)) and np.mean(plane) != 0 and least >= EVEN * most)
+
+
+def _half(plane: Any, reference: Any, width: float) -> float:
+    """MTF50 in cycles/pixel of a picture against its reference."""
+    if reference is None:
+        return math.nan
+    try:
+        with np.errstate(all="ignore"):
+            found: TextureResponse = texture_response(
+                plane, reference, known=lambda f: np.exp(-2 * (np.pi * width * f) ** 2), rings=min(64, min(plane.shape) // 4)
+            )
+    except (ValueError, np.linalg.LinAlgError):  # what the kernel says of pictures without texture
+        return math.nan
+    if math.isnan(found.mtf50) or not np.interp(found.mtf50, found.frequency, found.doubt) <= DOUBTFUL:
+        return math.nan
+    return found.mtf50

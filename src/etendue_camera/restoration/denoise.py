@@ -1,0 +1,83 @@
+"""Denoising that keeps edges: what varies no more than the known noise does is replaced by its local mean.
+
+In:  planes (..., y, x), the noise model: variance = shot x value + floor.
+Out: planes of the same kind.
+Sources: J.-S. Lee, IEEE Trans. PAMI 2 (1980) 165 (linear minimum mean-square error from local mean and variance); K. He, J. Sun, X. Tang,
+IEEE Trans. PAMI 35 (2013) 1397 (coefficients averaged over the windows that hold a pixel, by box sums).
+
+Chosen over a bilateral filter because its one constant is the noise variance itself, at every pixel its own, with nothing to tune;
+because it takes five box means whatever the window, is linear in each window and so turns no gradient round; and because it keeps the sum.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from etendue import require
+
+
+def denoise(planes: NDArray, shot: float, floor: float, radius: int = 2, strength: float = 1.0) -> NDArray:
+    """Take known noise away where the picture is flat, and leave edges as they are.
+
+    Parameters
+    ----------
+    planes : (..., y, x) array, any unit u
+        Any sign, any size from 1 x 1 on, mirrored beyond the border. Each plane on its own.
+    shot : float, u
+        Noise variance per value: 1 over the electrons that make a value of 1.
+    floor : float, u^2
+        Noise variance in the dark.
+    radius : int, pixel
+        Windows have (2 radius + 1)^2 pixels; from 1.
+    strength : float, dimensionless
+        Factor on the noise's standard deviation; 0 does nothing.
+
+    Returns
+    -------
+    (..., y, x) array, u, dtype of planes (integers become float64)
+        Bit for bit the input where shot and floor are 0. The sum of each plane is kept.
+
+    Raises
+    ------
+    ValueError
+        If there are less than two axes, or an argument is not allowed.
+
+    Notes
+    -----
+    In a window of mean m and variance v with noise n = strength^2 (shot max(m, 0) + floor), the estimate is
+    a x + (1 - a) m with a = max(v - n, 0) / v; a pixel gets the mean over the windows that hold it. The sum is kept
+    because a box mean with mirrored borders is a symmetric operator: sum of mean(a) x = sum of a m. Means and variances are
+    taken in double precision. Error: sum 1e-14 of the sum of sizes in float64; float32 2e-7 of the largest value.
+    """
+    planes = np.asarray(planes)
+    if planes.ndim < 2:
+        raise ValueError(f"planes has shape {planes.shape}; allowed is (..., y, x)")
+    for name, value in (("shot", shot), ("floor", floor), ("strength", strength)):
+        require.amount(name, value)
+    if radius < 1 or radius != int(radius):
+        raise ValueError(f"radius is {radius!r}; allowed are whole numbers from 1")
+    planes = require.floating(planes)
+    shot, floor = shot * strength**2, floor * strength**2
+    result = np.array(planes)
+    if shot == 0 == floor:
+        return result
+    for place in np.ndindex(planes.shape[:-2]):
+        result[place] = _one(planes[place].astype(np.float64), shot, floor, 2 * int(radius) + 1)
+    return result
+
+
+def _one(plane: NDArray, shot: float, floor: float, size: int) -> NDArray:
+    mean = _box(plane, size)
+    middle = float(mean.mean()) if mean.size else 0.0  # variances about it: no cancellation for a small variance on a bright ground
+    variance = _box((plane - middle) ** 2, size) - (mean - middle) ** 2
+    noise = shot * np.maximum(mean, 0) + floor
+    kept = np.divide(np.maximum(variance - noise, 0), variance, out=np.zeros_like(plane), where=variance > 0)
+    kept[noise == 0] = 1.0
+    offset = _box((1 - kept) * mean, size)
+    return _box(kept, size) * plane + offset
+
+
+def _box(plane: NDArray, size: int) -> NDArray:
+    return scipy.ndimage.uniform_filter(plane, size, mode="reflect")

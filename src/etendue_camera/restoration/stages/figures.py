@@ -1,0 +1,127 @@
+"""What a restoration gains and costs: the camera in front of a picture, and figures of a filter behind it.
+
+In:  the transfer functions of all stages in front, a filter's response.
+Out: ``mtf50_gain`` and ``noise_gain``, optional outputs of every sharpening and deconvolution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from etendue.api import Stage, moves_light
+from etendue.contract.roles import CROSSTALK, PROCESSING
+from etendue.transfer import sampling
+from etendue_camera.resolution import restoration_gain
+
+UNSEEN = {"mtf50_gain": (CROSSTALK, *PROCESSING)}
+BLOCK = 4_000_000  # values of transfer functions held at once
+LOOKS = {"rgb_camera": "channel y x [1]", "transfers": "*.transfer [1]"}
+FIGURES = {"rgb_camera": "channel y x [1]", "mtf50_gain": "[1] nan optional", "noise_gain": "[1] nan optional"}
+
+
+@dataclass(frozen=True)
+class System:
+    """The camera in front of a picture: each channel's photon-weighted mean over wavelength, at frequencies of its pixels.
+
+    The baseband: the transfer function at the frequency itself. What folds onto it from beyond is noise to a restoration.
+    """
+
+    otf: Any  # None: nothing blurs
+    channels: int
+    pitch: float
+    nodes: int = 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether this is all of the blur: no stage in front moves light without being a transfer function."""
+        return self.otf is None or bool(self.otf.whole)
+
+    @classmethod
+    def of(cls, transfers: Any, channels: int, pitch: float, nodes: int = 0) -> System:
+        return cls(transfers[-1][1] if transfers else None, channels, pitch, nodes)
+
+    def shares(self) -> Any:
+        """(channel, wavelength), each row with the sum 1: under light that is equally strong in all bands."""
+        weights = self.otf.weights
+        if weights is None:
+            return None
+        if len(weights) != self.channels:
+            raise ValueError(
+                f"the pixel stage has {len(weights)} channels and rgb_camera {self.channels}: a restoration with the camera's own "
+                "transfer function needs planes of the pixel's channels; put it in front of what mixes them"
+            )
+        total = weights.sum(axis=1, keepdims=True)
+        return np.where(total > 0, weights, 1.0) / np.where(total > 0, total, weights.shape[1])
+
+    def plane(self, fy: Any, fx: Any) -> Any:
+        """(channel or 1, m, n) at frequencies fy (m,), fx (n,) in cycles/pixel: exactly, or from a table up to 1."""
+        if self.otf is None:
+            return np.ones((1, fy.size, fx.size))
+        if not self.nodes:
+            return self._exact(fy, fx)
+        nodes = np.arange(-self.nodes, self.nodes + 1) / self.nodes
+        rows = scipy.interpolate.CubicSpline(nodes, self._exact(nodes, nodes), axis=1)(fy)
+        return scipy.interpolate.CubicSpline(nodes, rows, axis=2)(fx)
+
+    def _exact(self, fy: Any, fx: Any) -> Any:
+        shares = self.shares()
+        fy, fx = fy / self.pitch, fx / self.pitch
+        height = max(1, BLOCK // max(1, fx.size * (1 if shares is None else shares.shape[1])))
+        parts = []
+        for first in range(0, fy.size, height):
+            some = fy[first : first + height]
+            if self.otf.behind:
+                parts.append(self.otf.channels(some, fx))
+                continue
+            values = self.otf.plane(some, fx)
+            parts.append(values.mean(axis=0)[None] if shares is None else np.tensordot(shares, values, 1))
+        return np.concatenate(parts, axis=1)
+
+    def along(self, fx: Any) -> Any:
+        """(n,) along x, of the second channel: green, or the only one of a monochrome sensor."""
+        return one_channel(replace(self, nodes=0).plane(np.zeros(1), np.asarray(fx, dtype=float)))[0]
+
+
+def one_channel(values: Any) -> Any:
+    """The second of some channels: green, or the only one."""
+    return values[min(1, len(values) - 1)]
+
+
+def figures(asked: frozenset[str], system: System, response: Callable[[Any], Any], noise_gain: Callable[[], float]) -> dict[str, Any]:
+    """Of ``mtf50_gain`` and ``noise_gain`` of a filter with this response (n,) along x what is asked for; no gain of a blur half known."""
+    found: dict[str, Any] = {}
+    if "mtf50_gain" in asked:
+        found["mtf50_gain"] = np.array(restoration_gain.mtf50_gain(system.along, response) if system.whole else math.nan)
+    if "noise_gain" in asked:
+        found["noise_gain"] = np.array(noise_gain())
+    return found
+
+
+def baseband(frequency: Any) -> Any:
+    """What a frequency is to a filter that works on pixels, cycles/pixel: 0 to 1/2."""
+    return np.abs(frequency - np.rint(frequency))
+
+
+def half_plane_gain(gain: Any, columns: int) -> float:
+    """Noise gain from the half spectrum (m, n // 2 + 1) of a padded plane with so many columns."""
+    twice = np.full(gain.shape, 2.0)
+    twice[:, 0] = 1.0
+    if columns % 2 == 0:
+        twice[:, -1] = 1.0
+    return restoration_gain.response_noise_gain(gain, twice)
+
+
+def unknown_blur(others: Mapping[str, type[Stage]], so: str) -> list[str]:
+    """The warning of a stage that knows the camera by its transfer functions, where light is moved by something else."""
+    found = [use for use, kind in others.items() if moves_light(kind)]
+    return [f"what {' and '.join(found)} does to light is no transfer function, and unknown here: {so}"] if found else []
+
+
+def padded_columns(picture: Any) -> int:
+    return sampling.padded_size(picture.shape[-1])

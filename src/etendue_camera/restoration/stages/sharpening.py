@@ -1,0 +1,153 @@
+"""Restoration from the picture alone: sharpening, in front of the demosaicer or behind it, and denoising.
+
+In:  ``rgb_camera`` (channel, y, x), linear, 1 at clipping; ``mosaic_linear`` (y, x) for the paper's other order.
+Out: the same variable. What knows the camera's transfer function is in ``deconvolve``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from etendue.api import Bounded, Facts, Grid, Haloed, Stage, param, quantity
+from etendue_camera.electronics.stages.known_noise import KnownNoise
+from etendue_camera.restoration import denoise, sharpening
+from etendue_camera.restoration.stages.figures import FIGURES, LOOKS, UNSEEN, System, figures
+from etendue_camera.sensor.stages.masks import mask_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Laplacian(Stage):
+    """Identity + strength x Laplacian (eq. 11)."""
+
+    role: ClassVar = "sharpening"
+    gain: ClassVar = 1.0 + 16 * 4.0
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+
+    strength: float = param(0.15, at_least=0, at_most=4, doc="k of identity + k L; the paper's picture has 1")
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (1e-6 if precision == "float32" else 3e-15) * (1 + 16 * self.strength), "proved"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sharpen(Laplacian, Bounded, Haloed):
+    """Identity + strength x Laplacian (eq. 11). No clipping inside. ``mtf50_gain`` is along x of green, ``noise_gain`` of white noise."""
+
+    reads: ClassVar = LOOKS
+    writes: ClassVar = FIGURES
+    unseen: ClassVar = UNSEEN
+
+    pixel_pitch: float = quantity("pixel_pitch")
+
+    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
+        def response(frequency: Any) -> Any:
+            return sharpening.sharpen_response(0.0, frequency, self.strength)
+
+        system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
+        found = figures(asked, system, response, lambda: sharpening.noise_gain(self.strength))
+        return {"rgb_camera": sharpening.sharpen(rgb_camera, self.strength), **found}
+
+    def halo(self) -> int:
+        return 1
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "strength is 0") if self.strength == 0 else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharpenMosaic(Laplacian, Bounded, Haloed):
+    """The Laplacian in front of the demosaicer, the order of the paper's section 2.8 (its other sections sharpen behind).
+
+    ``planes = "own"`` takes neighbours behind the same filter, a period of the mask apart, so that colours stay apart: it
+    lifts a quarter of the sampling frequency most. ``"mixed"`` is the printed kernel across the colours: their differences
+    become a pattern with the period of the mask, which no demosaicer removes.
+    """
+
+    reads: ClassVar = {"mosaic_linear": "y x [1]"}
+    writes: ClassVar = {"mosaic_linear": "y x [1]"}
+
+    pattern: str = quantity("pattern")
+    planes: str = param("own", choices=("own", "mixed"), doc="neighbours: of the same colour, or the nearest pixels as printed")
+
+    def __post_init__(self) -> None:
+        mask_of(self.pattern)
+
+    def run(self, mosaic_linear: Any) -> dict[str, Any]:
+        return {"mosaic_linear": sharpening.sharpen_mosaic(mosaic_linear, self.strength, self.period())}
+
+    def period(self) -> tuple[int, int]:
+        """Rows and columns between neighbours, the same wherever a window starts."""
+        return mask_of(self.pattern).period if self.planes == "own" else (1, 1)
+
+    def halo(self) -> int:
+        return self.period()[0]
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "strength is 0") if self.strength == 0 else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unsharp(Bounded, Haloed):
+    """Unsharp mask: ``amount`` times the difference from a Gaussian blur. No clipping inside. Figures are those above the threshold."""
+
+    role: ClassVar = "sharpening"
+    reads: ClassVar = LOOKS
+    writes: ClassVar = FIGURES
+    unseen: ClassVar = UNSEEN
+    gain: ClassVar = 1.0 + 2 * 10.0
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 20.0
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    radius: float = param(0.7, units="pixel", above=0, at_most=100, doc="standard deviation of the Gaussian")
+    amount: float = param(0.8, at_least=0, at_most=10, doc="of the difference that is added; 0: nothing")
+    threshold: float = param(0.0, at_least=0, at_most=1, doc="differences are brought this much nearer to 0 first, 1 = clipping")
+
+    def run(self, rgb_camera: Any, transfers: Any, asked: frozenset[str] = frozenset()) -> dict[str, Any]:
+        def response(frequency: Any) -> Any:
+            return sharpening.unsharp_response(0.0, frequency, self.radius, self.amount)
+
+        system = System.of(transfers, len(rgb_camera), self.pixel_pitch)
+        found = figures(asked, system, response, lambda: sharpening.unsharp_noise_gain(self.radius, self.amount))
+        return {"rgb_camera": sharpening.unsharp(rgb_camera, self.radius, self.amount, self.threshold), **found}
+
+    def halo(self) -> int:
+        return sharpening.gaussian_taps(self.radius).size // 2
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        return (4e-7 if precision == "float32" else 2e-15) * (1 + 2 * self.amount), "measured"
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "amount is 0") if self.amount == 0 else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Denoise(KnownNoise, Bounded):
+    """Denoising that keeps edges, by the camera's own noise: what varies no more than the noise becomes its local mean.
+
+    The noise is that of the mosaic; demosaicing has evened out some of it, so that the default strength errs on the strong
+    side. Each channel on its own. The mean of each channel is kept.
+    """
+
+    role: ClassVar = "denoising"
+    reads: ClassVar = {"rgb_camera": "channel y x [1]"}
+    writes: ClassVar = {"rgb_camera": "channel y x [1]"}
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 80.0
+    working: ClassVar = 3.6
+
+    strength: float = param(1.0, at_least=0, at_most=10, doc="factor on the known standard deviation of the noise; 0: nothing")
+    radius: int = param(1, at_least=1, at_most=32, units="pixel", doc="windows have 2 radius + 1 pixels along each axis")
+
+    def run(self, rgb_camera: Any) -> dict[str, Any]:
+        shot, floor = self.noise_model()
+        return {"rgb_camera": denoise.denoise(rgb_camera, shot, floor, self.radius, self.strength)}
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        return (0.0, "strength is 0") if self.strength == 0 else None
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the arithmetic. In single precision the input's own rounding is seen as noise of 3e-8."""
+        return (1e-6 if precision == "float32" else 1e-13), "measured"

@@ -1,0 +1,319 @@
+"""Charts of many patches, as weights that a scene multiplies by spectra, and one chart that holds them all.
+
+In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), geometry (um), reflectances.
+Out: coverage of each patch (0 to 1), either as full planes or as one factor along y and one along x;
+     grey reflectance (ny, nx); dimensionless, in the dtype of y and x.
+Sources: X-Rite ColorChecker Classic (4 x 6 patches), ISO 12233 (tilted square); Gaussian softening in closed
+form.
+
+Coverages and grey add up to at most 1 everywhere, so spectra within [0, 1] give a scene within [0, 1].
+Charts are ``Drawn`` as in ``charts``.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from etendue_camera.scene.cell_means import closely, half_plane_mean
+from etendue_camera.scene.charts import Drawn, require_axes, require_positive, siemens_star, soft_box, step_wedge, zone_plate
+
+FloatArray = npt.NDArray[np.floating]
+
+PATCH_ROWS, PATCH_COLUMNS = 4, 6
+FILL = 0.9  # part of its region that a panel fills; the rest is the grey that keeps panels apart
+GAP = 0.1  # between patches, in parts of the smaller patch pitch
+OUTER_SQUARE, INNER_SQUARE = 0.8, 0.4  # sides of the tilted squares, in parts of the panel
+EDGE_REACH, EDGE_LENGTH = 0.3, 0.26  # window about an edge, across and along it, in parts of the panel
+TAIL = 9.0  # rms widths after which a soft border is 0 in float64
+
+
+class Region(NamedTuple):
+    """A rectangle on the image plane, um."""
+
+    top: float
+    bottom: float
+    left: float
+    right: float
+
+
+class Composite(NamedTuple):
+    """The composite chart: grey reflectance, and the factors of its 24 patches.
+
+    A scene is ``grey * white[:, None, None] + patch_contribution(rows, columns, spectra)``.
+    """
+
+    grey: FloatArray  # (ny, nx), reflectance; already without what the patches cover
+    rows: FloatArray  # (4, ny)
+    columns: FloatArray  # (6, nx)
+
+
+# ------------------------------------------------------------------------------------------------ patches
+
+
+def patches_factors(
+    y: npt.ArrayLike, x: npt.ArrayLike, rows: int, columns: int, width: float, height: float, gap: float, drawn: Drawn
+) -> tuple[FloatArray, FloatArray]:
+    """Coverage of a grid of rectangular patches, as factors along y and x.
+
+    Parameters
+    ----------
+    y, x : (ny,), (nx,) arrays, um
+    rows, columns : int, above 0
+    width, height : float, um, above 0
+        Of the whole grid, from the first patch's outer border to the last's.
+    gap : float, um
+        Between neighbours, in both directions; the gaps leave room for patches.
+    drawn : Drawn
+
+    Returns
+    -------
+    rows_profile : (rows, ny) array, 0 to 1; the first row at the smallest y
+    columns_profile : (columns, nx) array, 0 to 1
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    Notes
+    -----
+    Exact: patch (i, j) covers rows_profile[i] (x) columns_profile[j], a soft rectangle.
+    """
+    y, x = require_axes(y, x)
+    require_positive(width=width, height=height)
+    return _profile(y, "rows", rows, "height", height, gap, drawn), _profile(x, "columns", columns, "width", width, gap, drawn)
+
+
+def _profile(position: FloatArray, what: str, count: int, along: str, length: float, gap: float, drawn: Drawn) -> FloatArray:
+    if count != int(count) or count < 1:
+        raise ValueError(f"{what} must be a whole number above 0, got {count}")
+    count = int(count)
+    size = (length - (count - 1) * gap) / count
+    if not (gap >= 0 and size > 0):
+        room = f"leave room for {count} {what} in {along}={length} um"
+        raise ValueError(f"gap must be at least 0 and {room}, got {gap}")
+    starts = [-0.5 * length + index * (size + gap) for index in range(count)]
+    return np.stack([soft_box(position, start, start + size, drawn.softness, drawn.cell) for start in starts])
+
+
+def patches(
+    y: npt.ArrayLike, x: npt.ArrayLike, rows: int, columns: int, width: float, height: float, gap: float, drawn: Drawn
+) -> FloatArray:
+    """Coverage of a grid of rectangular patches, one plane for each.
+
+    Parameters and errors are those of ``patches_factors``.
+
+    Returns
+    -------
+    (rows * columns, ny, nx) array, 0 to 1
+        Row by row from the smallest y and x. The sum over patches is at most 1; ``background_weight`` is the
+        rest.
+    """
+    rows_profile, columns_profile = patches_factors(y, x, rows, columns, width, height, gap, drawn)
+    planes = rows_profile[:, None, :, None] * columns_profile[None, :, None, :]
+    return planes.reshape(-1, *planes.shape[2:])
+
+
+def background_weight(rows_profile: FloatArray, columns_profile: FloatArray) -> FloatArray:
+    """What no patch covers, (ny, nx), 0 to 1, for factors from ``patches_factors``."""
+    covered = rows_profile.sum(axis=0)[:, None] * columns_profile.sum(axis=0)
+    return np.clip(1 - covered, 0, 1)
+
+
+def patch_contribution(rows_profile: FloatArray, columns_profile: FloatArray, spectra: npt.ArrayLike) -> FloatArray:
+    """Sum over patches of coverage times spectrum.
+
+    Parameters
+    ----------
+    rows_profile : (rows, ny) array
+    columns_profile : (columns, nx) array
+    spectra : (rows * columns, n) array, any unit
+        Row by row, as in ``patches``.
+
+    Returns
+    -------
+    (n, ny, nx) array, the unit of ``spectra``
+
+    Raises
+    ------
+    ValueError
+        Spectra for another number of patches.
+
+    Notes
+    -----
+    Two matrix products; the (rows * columns, ny, nx) planes never exist.
+    """
+    rows, columns = len(rows_profile), len(columns_profile)
+    table = np.asarray(spectra, dtype=np.result_type(rows_profile, columns_profile))
+    if table.ndim != 2 or len(table) != rows * columns:
+        raise ValueError(f"spectra must have shape ({rows * columns}, n), got {table.shape}")
+    along_x = np.ascontiguousarray(table.T).reshape(-1, rows, columns) @ columns_profile  # strided, the sum hangs on n before numpy 2.3
+    return rows_profile.T @ along_x
+
+
+# ---------------------------------------------------------------------------------------------- composite
+
+
+def composite_regions(width: float, height: float) -> dict[str, Region]:
+    """Where the composite chart keeps what.
+
+    Parameters
+    ----------
+    width, height : float, um, above 0
+        Of the whole chart.
+
+    Returns
+    -------
+    dict of Region
+        "patches" (left third), "squares" above "star" (centre), "zone_plate" above "wedge" (right), above
+        meaning smaller y; and, inside "squares", the windows "edge_vertical" and "edge_horizontal", each
+        with one straight edge and nothing else.
+    """
+    require_positive(width=width, height=height)
+    third, half = width / 3, height / 2
+    panel = min(third, half)
+    side = FILL * panel
+    edge = 0.5 * INNER_SQUARE * panel
+    reach, length = EDGE_REACH * panel, EDGE_LENGTH * panel
+    return {
+        "patches": _region(0.0, -third, FILL * height, FILL * third),
+        "squares": _region(-0.5 * half, 0.0, side, side),
+        "star": _region(0.5 * half, 0.0, side, side),
+        "zone_plate": _region(-0.5 * half, third, side, side),
+        "wedge": _region(0.5 * half, third, FILL * half, FILL * third),
+        "edge_vertical": _region(-0.5 * half, -edge, length, reach),
+        "edge_horizontal": _region(-0.5 * half - edge, 0.0, reach, length),
+    }
+
+
+def _region(y: float, x: float, height: float, width: float) -> Region:
+    return Region(y - 0.5 * height, y + 0.5 * height, x - 0.5 * width, x + 0.5 * width)
+
+
+def composite(
+    y: npt.ArrayLike,
+    x: npt.ArrayLike,
+    width: float,
+    height: float,
+    drawn: Drawn,
+    *,
+    highest_frequency: float,
+    angle_deg: float = 5.0,
+    cycles: int = 36,
+    steps: int = 8,
+) -> Composite:
+    """Colour patches, slanted edges, star, zone plate and grey steps in one frame.
+
+    Parameters
+    ----------
+    y, x : (ny,), (nx,) arrays, um
+    width, height : float, um, above 0
+        Of the whole chart; ``composite_regions`` gives its parts. Beyond them all is (low + high) / 2.
+    drawn : Drawn
+        high at most 1.
+    highest_frequency : float, cycles/um, above 0
+        Of the zone plate, at its rim.
+    angle_deg : float, degrees, from -10 to 10
+        Tilt of the squares: a dark one inside a light one, each edge straight for the slanted-edge method.
+    cycles : int, above 0
+        Of the star.
+    steps : int, above 1
+        Of the wedge, evenly spaced from low to high.
+
+    Returns
+    -------
+    Composite
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    Notes
+    -----
+    All panels stand on one grey, the mean of each, so there are no seams between regions; what borders there
+    are have the profile of the softness. Squares, wedge and patches are exact convolutions, corners included,
+    as long as panels lie many softnesses apart (they keep a tenth of a panel between them); star and zone
+    plate are local approximations, see ``charts``. Means over cells are exact but in the corners of the tilted squares
+    (hard: below 0.01 in eight cells) and within the star and the zone plate, which are quadratures.
+    """
+    y, x = require_axes(y, x)
+    low, high = drawn.low, drawn.high
+    if high > 1:
+        raise ValueError(f"high must be at most 1, got {high}")
+    if not -10 <= angle_deg <= 10:
+        raise ValueError(f"angle_deg must lie between -10 and 10 degrees, got {angle_deg}")
+    if steps != int(steps) or steps < 2:
+        raise ValueError(f"steps must be a whole number above 1, got {steps}")
+    width, height = float(width), float(height)
+    regions = composite_regions(width, height)
+    panel = min(width / 3, height / 2)
+    radius, wedge = 0.5 * FILL * panel, regions["wedge"]
+    levels = np.linspace(low, high, int(steps))
+    painters: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
+        "squares": lambda v, u: _tilted_squares(v, u, panel, angle_deg, drawn),
+        "star": lambda v, u: siemens_star(v, u, cycles, radius, drawn),
+        "zone_plate": lambda v, u: zone_plate(v, u, highest_frequency, radius, drawn),
+        "wedge": lambda v, u: step_wedge(v, u, levels, wedge.right - wedge.left, wedge.bottom - wedge.top, drawn),
+    }
+    # A tilted corner leaves its region by less than 0.02 of the panel; the tenth between panels is free.
+    reach = TAIL * float(drawn.softness) + 0.05 * panel + float(drawn.cell)
+    background = 0.5 * (float(low) + float(high))  # also of each panel: beyond its borders it adds nothing
+    grey = np.full((y.size, x.size), background, dtype=x.dtype)
+    for name, paint in painters.items():
+        top, bottom, left, right = regions[name]
+        inside_y, inside_x = _within(y, top, bottom, reach), _within(x, left, right, reach)
+        if inside_y.size and inside_x.size:
+            y_centre, x_centre = _centre(regions[name])
+            grey[np.ix_(inside_y, inside_x)] += paint(y[inside_y] - y_centre, x[inside_x] - x_centre) - background
+    rows, columns = _patch_profiles(y, x, regions["patches"], drawn)
+    return Composite(np.clip(grey, float(low), float(high)) * background_weight(rows, columns), rows, columns)
+
+
+def _within(position: FloatArray, start: float, stop: float, reach: float) -> npt.NDArray[np.intp]:
+    return np.flatnonzero((position >= start - reach) & (position <= stop + reach))
+
+
+def _centre(region: Region) -> tuple[float, float]:
+    return 0.5 * (region.top + region.bottom), 0.5 * (region.left + region.right)
+
+
+def _tilted_squares(y: FloatArray, x: FloatArray, panel: float, angle_deg: float, drawn: Drawn) -> FloatArray:
+    """A dark square in a light one in grey. The Gaussian is round, so tilted squares stay separable."""
+    angle = np.deg2rad(float(angle_deg))
+    outer, inner = (_square(y, x, angle, side * panel, drawn.softness, drawn.cell) for side in (OUTER_SQUARE, INNER_SQUARE))
+    return drawn.blend(0.5 + 0.5 * outer - inner)
+
+
+def _square(y: FloatArray, x: FloatArray, angle: float, side: float, softness: float, cell: float) -> FloatArray:
+    half = 0.5 * side
+    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+
+    def at(v: FloatArray, u: FloatArray) -> FloatArray:
+        across, along = u * cosine - v * sine, v * cosine + u * sine
+        return soft_box(across, -half, half, softness) * soft_box(along, -half, half, softness)
+
+    v, u = y[:, None], x[None, :]
+    if cell == 0:
+        return at(v, u)
+
+    def strip(position: FloatArray) -> FloatArray:
+        covered = half_plane_mean(position + half, angle, softness, cell) - half_plane_mean(position - half, angle, softness, cell)
+        return np.clip(covered, 0, 1)
+
+    across, along = strip(u * cosine - v * sine), strip(v * cosine + u * sine)
+    covered = across * along
+    # a mean of a product: the product of the means, but where borders of both strips meet in a cell
+    rows, columns = np.nonzero((across > 0) & (across < 1) & (along > 0) & (along < 1))
+    if rows.size:
+        covered[rows, columns] = closely(at, y[rows], x[columns], cell)
+    return covered
+
+
+def _patch_profiles(y: FloatArray, x: FloatArray, region: Region, drawn: Drawn) -> tuple[FloatArray, FloatArray]:
+    width, height = region.right - region.left, region.bottom - region.top
+    gap = GAP * min(width / PATCH_COLUMNS, height / PATCH_ROWS)
+    y_centre, x_centre = _centre(region)
+    return patches_factors(y - y_centre, x - x_centre, PATCH_ROWS, PATCH_COLUMNS, width, height, gap, drawn)

@@ -1,0 +1,193 @@
+"""The dead-leaves chart: discs of all sizes that cover each other, so that texture looks alike at every scale.
+
+In:  positions y (ny,) and x (nx,) on the image plane (um, 0 in the centre), the range of radii (um), reflectances, a seed.
+Out: reflectance (ny, nx), dimensionless, in the dtype of y and x, inside the range of the levels asked for.
+Sources: Matheron's dead leaves; Cao, Guichard and Hornung (2009) for radii with density r^-3 as a target of texture.
+
+``softness`` and ``cell`` are those of ``charts.Drawn``. The discs belong to the chart, not to the grid: a finer grid, or another
+softness, shows the same leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from etendue_camera.scene.cell_means import step_mean
+from etendue_camera.scene.charts import Drawn, FloatArray, require_axes, require_levels, require_positive, soft_step
+
+LAYERS = 9.0  # mean number of discs above a point: exp(-9) of the plane is left to the mean grey
+TILE = 96  # positions painted at once along each axis
+TAIL = 6.0  # rms widths after which the Gaussian is left out
+MOST = 4_000_000  # discs
+
+
+class Leaves(NamedTuple):
+    """Discs, the topmost first."""
+
+    y: FloatArray  # (n,), um
+    x: FloatArray
+    radius: FloatArray
+    level: FloatArray  # reflectance
+    low: float
+    high: float
+
+
+@lru_cache(maxsize=4)
+def leaves(
+    width: float, height: float, smallest: float, largest: float, low: float, high: float, seed: int, exponent: float = 3.0
+) -> Leaves:
+    """The discs of a chart.
+
+    Parameters
+    ----------
+    width, height : float, um, above 0
+        Of the area that they cover, about 0.
+    smallest, largest : float, um, 0 < smallest < largest
+        Range of the radii; their density is r^-exponent.
+    low, high : float, reflectance, 0 <= low <= high
+        Levels are uniform between them.
+    seed : int, 0 or above
+        Of the chart: the same chart for the same seed and geometry, whatever noise a camera adds.
+    exponent : float
+        3 makes the chart look alike at every scale.
+
+    Returns
+    -------
+    Leaves
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range; more than four million discs.
+    """
+    require_positive(width=width, height=height, smallest=smallest, largest=largest)
+    require_levels(low, high)
+    if not smallest < largest:
+        raise ValueError(f"smallest must be below largest, got {smallest} and {largest} um")
+    if not (seed == int(seed) and seed >= 0):
+        raise ValueError(f"seed must be a whole number from 0, got {seed}")
+    if not -10 <= exponent <= 10:
+        raise ValueError(f"exponent must lie between -10 and 10, got {exponent}")
+    area = (width + 2 * largest) * (height + 2 * largest)
+    count = math.ceil(LAYERS * area / (math.pi * _mean_power(smallest, largest, exponent, 2)))
+    if count > MOST:
+        raise ValueError(f"smallest is {smallest} um, for which the chart needs {count} discs; allowed are {MOST}")
+    rng = np.random.default_rng(int(seed))
+    radius = _radii(rng.random(count), smallest, largest, exponent)
+    y = (rng.random(count) - 0.5) * (height + 2 * largest)
+    x = (rng.random(count) - 0.5) * (width + 2 * largest)
+    return Leaves(y, x, radius, low + (high - low) * rng.random(count), float(low), float(high))
+
+
+def _radii(share: FloatArray, smallest: float, largest: float, exponent: float) -> FloatArray:
+    """Radii at shares of the distribution."""
+    ratio, power = largest / smallest, 1 - exponent
+    if abs(power) < 1e-6:
+        return smallest * ratio**share
+    return smallest * (1 + share * (ratio**power - 1)) ** (1 / power)
+
+
+def _mean_power(smallest: float, largest: float, exponent: float, power: int) -> float:
+    """Mean of radius^power over the density."""
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    t = 0.5 * math.log(largest / smallest) * (nodes + 1)  # logarithm of the radius
+    density = weights * np.exp((1 - exponent) * t)
+    return float(smallest**power * (density @ np.exp(power * t)) / density.sum())
+
+
+def dead_leaves(y: npt.ArrayLike, x: npt.ArrayLike, chart: Leaves, softness: float, cell: float = 0.0, oversampling: int = 4) -> FloatArray:
+    """The reflectance of a chart.
+
+    Parameters
+    ----------
+    y, x : (ny,), (nx,) arrays, um
+        Evenly spaced.
+    chart : Leaves
+    softness : float, um
+    cell : float, um
+    oversampling : int, 1 to 32
+        The chart is painted on cells so many times finer than the positions, where the area that a disc covers is known to
+        a first approximation.
+
+    Returns
+    -------
+    (ny, nx) array, reflectance
+
+    Raises
+    ------
+    ValueError
+        An argument outside its range.
+
+    Notes
+    -----
+    Discs are painted from the top, each with the share that is still free; the result is convolved with the exact weights
+    of Gaussian and cell, the width of the painted cells taken out of the Gaussian's. Error for 2, 4, 8 and 16 times finer
+    cells, of the range of levels, discs from 4 samples. Softness of 1 sample: rms 8e-4, 2.2e-4, 6e-5, 2.5e-5, at most
+    1.2e-2, 3.3e-3, 8e-4, 3e-4. Means of hard leaves over cells: rms 2.2e-3, 7e-4, 2.1e-4, 8e-5, at most 4e-2, 1.5e-2, 4e-3,
+    2e-3. 1000 x 1000 samples with discs from 5 samples take 0.7 s.
+    """
+    y, x = require_axes(y, x)
+    Drawn(softness, cell)  # their ranges
+    if not (oversampling == int(oversampling) and 1 <= oversampling <= 32):
+        raise ValueError(f"oversampling must be a whole number from 1 to 32, got {oversampling}")
+    steps = np.concatenate([np.abs(np.diff(axis)) for axis in (y, x)])
+    step = float(steps.min()) if steps.size else max(float(cell), float(softness), 1e-3 * float(chart.radius.min()))
+    fine = step / int(oversampling)
+    found = np.empty((y.size, x.size), dtype=x.dtype)
+    for rows in range(0, y.size, TILE):
+        down, top = _weights(y[rows : rows + TILE], softness, cell, fine, step)
+        for columns in range(0, x.size, TILE):
+            across, left = _weights(x[columns : columns + TILE], softness, cell, fine, step)
+            painted = _painted(chart, top, left, down.shape[1], across.shape[1], fine)
+            found[rows : rows + TILE, columns : columns + TILE] = down @ painted @ across.T
+    return np.clip(found, chart.low, chart.high)
+
+
+def _weights(position: FloatArray, softness: float, cell: float, fine: float, step: float) -> tuple[npt.NDArray[np.float32], float]:
+    """How painted cells add up to the values at positions (positions, cells), and where the first cell begins.
+
+    Cells begin on the borders between positions, so that means over whole cells are sums.
+    """
+    reach = 0.5 * max(cell, step) + TAIL * softness
+    origin = float(position[0]) - 0.5 * step
+    first = origin - fine * math.ceil((origin - float(position.min()) + reach) / fine)
+    count = math.ceil((float(position.max()) + reach - first) / fine)
+    borders = first + fine * np.arange(count + 1)
+    spread = softness**2 - fine**2 / 6  # a painted cell averages, and is flat: two boxes
+    width = math.sqrt(spread) if spread > fine**2 / 3 else softness
+    distance = borders - position.astype(np.float64)[:, None]
+    passed = step_mean(distance, width, cell) if cell > 0 else soft_step(distance, width)
+    weight = np.diff(passed, axis=1)
+    return (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32), first
+
+
+def _painted(chart: Leaves, top: float, left: float, rows: int, columns: int, fine: float) -> npt.NDArray[np.float32]:
+    """Mean reflectance of fine cells, discs from the top as long as anything shows through."""
+    y, x = ((np.arange(n) + 0.5) * fine + start for n, start in ((rows, top), (columns, left)))
+    grown = chart.radius + fine
+    near = np.flatnonzero((chart.y + grown > y[0]) & (chart.y - grown < y[-1]) & (chart.x + grown > x[0]) & (chart.x - grown < x[-1]))
+    free = np.ones((rows, columns), np.float32)
+    value = np.zeros((rows, columns), np.float32)
+    v0, v1 = (np.searchsorted(y, edge) for edge in (chart.y[near] - grown[near], chart.y[near] + grown[near]))
+    u0, u1 = (np.searchsorted(x, edge) for edge in (chart.x[near] - grown[near], chart.x[near] + grown[near]))
+    y32, x32 = ((axis / fine).astype(np.float32) for axis in (y - top, x - left))
+    centre_y, centre_x = (chart.y[near] - top) / fine, (chart.x[near] - left) / fine
+    radius, level = chart.radius[near] / fine, chart.level[near]
+    for i in range(near.size):
+        box = np.s_[v0[i] : v1[i], u0[i] : u1[i]]
+        open_ = free[box]
+        if not open_.any():
+            continue
+        square = np.square(y32[v0[i] : v1[i]] - np.float32(centre_y[i]))[:, None] + np.square(x32[u0[i] : u1[i]] - np.float32(centre_x[i]))
+        covered = np.clip(np.float32(radius[i] + 0.5) - np.sqrt(square), 0, 1)
+        covered *= open_
+        open_ -= covered
+        open_[open_ < 1e-6] = 0
+        covered *= np.float32(level[i])
+        value[box] += covered
+    return value + free * np.float32(0.5 * (chart.low + chart.high))

@@ -1,0 +1,163 @@
+"""Measured or computed spectral radiance from a Zarr store, read one wavelength band at a time.
+
+In:  a Zarr store with a variable (wavelength, y, x), as xarray writes it: another archive's scene, a hyperspectral camera's cube.
+Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, proved, quantity
+from etendue_camera import spectra
+from etendue_camera.scene.stages import cube_store
+
+SPECTRAL = "W m-2 sr-1 nm-1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceCube(Source, Banded):
+    """Spectral radiance from a Zarr store: its own wavelengths and positions, at its own level or at a stated one.
+
+    Coordinates ``wavelength`` (nm; bins by ``wavelength_bounds``, else midway between the centres) and ``y``, ``x`` (um on
+    the image plane, evenly spaced; else ``spacing`` says). An attribute ``actual_range`` = [lowest, highest] lets the plan
+    choose the precision. ``white_radiance`` is read where the store has it.
+    """
+
+    role: ClassVar = "scene"
+    reads: ClassVar = {}
+    writes: ClassVar = {"radiance": f"wavelength y x [{SPECTRAL}]", "white_radiance": f"wavelength [{SPECTRAL}]"}
+    libraries: ClassVar[tuple[str, ...]] = ("zarr", "colour-science")
+    nanoseconds: ClassVar = 2.0
+    error: ClassVar = proved(6e-8, 1e-16)
+
+    file: str = param(
+        file=True, folder=True, example="package:etendue/data/examples/cube.zarr", doc="the Zarr store, such as another archive's data.zarr"
+    )
+    variable: str = param("radiance", doc="the variable in it, such as 'scene/radiance'")
+    illuminant: str = quantity("illuminant")
+    white_luminance: float = param(
+        0.0, units="cd m-2", at_least=0,
+        doc="luminance of a perfect white diffuser under the illuminant: the cube is relative to it, 1 = white; 0: the cube is radiance",
+    )  # fmt: skip
+    spacing: float = param(0.0, units="um", at_least=0, doc="distance between samples; 0: from the coordinates of the store")
+
+    def _open(self) -> tuple[Any, Any]:
+        """The array, and its group."""
+        import zarr
+
+        group_path, _, name = self.variable.rpartition("/")
+        cube_store.refuse_links(self.file)
+        try:
+            group = zarr.open_group(self.file, mode="r", path=group_path or None, use_consolidated=False)
+            array = group[name]
+        except Exception as error:  # metadata may be damaged in any way
+            raise ValueError(f"{self.file} holds no variable {self.variable!r}: {' '.join(str(error).split())[:150]}") from None
+        cube_store.check_array(self.file, self.variable, array, "" if self.white_luminance else SPECTRAL)
+        return array, group
+
+    def describe(self) -> tuple[Facts, dict[str, Grid]]:
+        array, group = self._open()
+        cube_store.check_chunks(self.file, self.variable, array)
+        bands = Bands(_edges(self.file, group, array.shape[0], self.variable))
+        lines = {dim: self._line(group, dim, size) for dim, size in zip(("y", "x"), array.shape[1:], strict=True)}
+        grid = Grid.of({"wavelength": bands, **lines})
+        if self.white_luminance:
+            spectra.check_illuminant(self.illuminant, bands.edges[0], bands.edges[-1])
+            spectra.check_luminance(self.illuminant)
+        if "white_radiance" not in group and not self.white_luminance:
+            raise ValueError(
+                f"{self.file} holds no white_radiance, so nobody knows what is white; give white_luminance: the cube is then "
+                "relative to a white diffuser under the illuminant"
+            )
+        if not self.white_luminance:
+            self._white(array, group)
+        low, high = _range(array.attrs.get("actual_range"))
+        known = Facts(contrast=high / low) if low > 0 else Facts()
+        return known, {"radiance": grid, "white_radiance": grid.take(("wavelength",))}
+
+    def white_light(self, edges: tuple[float, ...]) -> Any:
+        if self.white_luminance:
+            return spectra.light_of_radiance(self.illuminant, edges, 1.0)
+        return self._white(*self._open())
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        if not self.white_luminance:
+            return []
+        array, group = self._open()
+        edges = _edges(self.file, group, array.shape[0], self.variable)
+        return spectra.luminance_notes(self.illuminant, edges[0], edges[-1])
+
+    def _white(self, array: Any, group: Any) -> Any:
+        """Radiance of a white diffuser by band, as the store has it."""
+        white = cube_store.values_of(self.file, group, "white_radiance", (array.shape[0],), SPECTRAL)
+        if not (white >= 0).all() or not (white > 0).any():
+            raise ValueError(f"white_radiance in {self.file} is {white.min():g} to {white.max():g}; allowed is light, nowhere below 0")
+        return white
+
+    def _line(self, group: Any, dim: str, size: int) -> Line:
+        if self.spacing:
+            return Line(size, -0.5 * (size - 1) * self.spacing, self.spacing)
+        if dim not in group or size < 2:
+            raise ValueError(f"{self.file} has no coordinate {dim!r}; give the spacing in um")
+        values = cube_store.values_of(self.file, group, dim, (size,), "um")
+        step = (values[-1] - values[0]) / (size - 1)
+        if not step > 0 or np.abs(np.diff(values) - step).max() > 1e-6 * step:
+            raise ValueError(f"{dim} in {self.file} is not evenly spaced and ascending; resample the cube, or give the spacing in um")
+        return Line(size, float(values[0]), float(step))
+
+    def prepare(self, coordinates: Any) -> Any:
+        array, group = self._open()
+        edges = tuple(coordinates["out_wavelength_edges"])
+        if self.white_luminance:
+            white = spectra.light_of_luminance(self.illuminant, edges, self.white_luminance)
+            return array.__getitem__, slice(0, white.size), white, white
+        white = self._white(array, group)
+        return array.__getitem__, slice(0, white.size), white, np.ones_like(white)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        read, _, white, scale = prepared
+        return read, bands, white[bands], scale[bands]
+
+    def constants(self, prepared: Any) -> dict[str, Any]:
+        return {"white_radiance": prepared[2]}
+
+    def run(self, prepared: Any) -> dict[str, Any]:
+        read, bands, white, scale = prepared
+        try:
+            light = read(bands)
+        except Exception as error:  # of a store or a codec
+            raise ValueError(f"{self.variable} in {self.file} cannot be read: {' '.join(str(error).split())[:150]}") from None
+        cube_store.check_values(self.file, self.variable, light, range(white.size)[bands])
+        if not np.all(scale == 1):
+            light = light * scale[:, None, None].astype(light.dtype)
+        return {"radiance": light, "white_radiance": white}
+
+
+def _range(given: Any) -> tuple[float, float]:
+    """Lowest and highest value of an attribute ``actual_range``; (0, 0) where it says nothing that can be."""
+    try:
+        low, high = (float(v) for v in given)
+    except (TypeError, ValueError):
+        return 0.0, 0.0
+    return (low, high) if 0 < low <= high < math.inf else (0.0, 0.0)
+
+
+def _edges(path: str, group: Any, size: int, variable: str) -> tuple[float, ...]:
+    if "wavelength_bounds" in group:
+        bounds = cube_store.values_of(path, group, "wavelength_bounds", (size, 2), "nm")
+        if not (bounds[0, 0] > 0 and (bounds[:, 0] < bounds[:, 1]).all() and np.allclose(bounds[1:, 0], bounds[:-1, 1], rtol=1e-9)):
+            raise ValueError(f"wavelength_bounds of {variable} must ascend without gaps, in nm; they begin with {bounds[:2].tolist()}")
+        return (*map(float, bounds[:, 0]), float(bounds[-1, 1]))
+    if "wavelength" not in group or size < 2:
+        one = " of one band needs wavelength_bounds (nm)" if size == 1 else " has no coordinate wavelength (nm)"
+        raise ValueError(f"{variable}{one}")
+    centres = cube_store.values_of(path, group, "wavelength", (size,), "nm")
+    if not np.all(np.diff(centres) > 0) or not 100 < centres[0] < math.inf:
+        raise ValueError(f"wavelength of {variable} must ascend, in nm; it begins with {centres[:3].tolist()}")
+    middle = 0.5 * (centres[:-1] + centres[1:])
+    return (float(2 * centres[0] - middle[0]), *map(float, middle), float(2 * centres[-1] - middle[-1]))

@@ -1,0 +1,93 @@
+"""Scenes of patches whose reflectance somebody has measured: a colour chart of one's own, paints, leaves, skin.
+
+In:  a table of reflectances, a column a patch; the chart's geometry (um on the image plane), an illuminant, a luminance.
+Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Facts, param
+from etendue_camera import spectra
+from etendue_camera.scene import composite
+from etendue_camera.scene.stages.charts import Scene, softness_knob
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchChart(Scene):
+    """Even patches of reflectances of one's own, row by row from the upper left, on grey.
+
+    Whatever a table says holds: end values beyond its rows, and more than 1 (up to 2) where a surface fluoresces. What is left of
+    the last row is background.
+    """
+
+    nanoseconds: ClassVar = 12.0
+
+    reflectances: str = param(
+        file=True, example="package:etendue/data/examples/reflectances.csv",
+        doc="CSV wavelength_nm, then a column of reflectance (0 to 1) for each patch",
+    )  # fmt: skip
+    across: int = param(
+        0, at_least=0, held=(0, 1000), doc="patches in a row; 0: so many that they come out nearly square, and few places empty"
+    )
+    background: float = param(0.18, at_least=0, at_most=1)
+    gap: float = param(0.1, at_least=0, below=1, doc="gap between patches, in pitches of the shorter side")
+    softness: float = softness_knob()
+
+    def known(self) -> Facts:
+        """Contrast is that of the reflectances, over all wavelengths."""
+        names, _, values = spectra.csv_rows(self.reflectances)
+        if values.min() < 0:
+            worst = names[int(np.argmin(values.min(axis=0)))]
+            raise ValueError(f"reflectances: {worst} falls to {values.min():g}; a reflectance is 0 or more")
+        spectra.require_shares("reflectances", self.reflectances)
+        rows, columns = self.layout(len(names))
+        if min(rows, columns) < 1:
+            raise ValueError(f"across is {self.across}, but {self.reflectances} has {len(names)} patches")
+        low, high = min(values.min(), self.background), max(values.max(), self.background)
+        return Facts(uniform=bool(low == high), contrast=float(high / low) if low > 0 else math.inf)
+
+    def layout(self, count: int) -> tuple[int, int]:
+        """Rows and columns of so many patches."""
+        columns = self.across or _squarest(count, self.width / self.height)
+        return -(-count // columns), min(columns, count)
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        rows = spectra.csv_rows(self.reflectances)[1]
+        return [*super().warn(facts, grids), *spectra.held_note(self.reflectances, rows, self.wavelength_from, self.wavelength_to)]
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["out_wavelength_edges"])
+        return super().prepare(coordinates), spectra.table_from_csv(self.reflectances, edges, outside="hold")[1].T
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0][bands], prepared[1][:, bands]
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        white, reflectance = prepared
+        y, x = self.centred(out_y, out_x)
+        across, down = self.layout(len(reflectance))[::-1]
+        gap = self.gap * min(self.width / across, self.height / down)
+        rows, columns = composite.patches_factors(
+            y, x, down, across, self.width - gap, self.height - gap, gap, self.drawn(self.softness)
+        )  # fmt: skip
+        empty = np.full((down * across - len(reflectance), reflectance.shape[1]), self.background)
+        cube = composite.patch_contribution(rows, columns, np.concatenate([reflectance, empty]))
+        cube += self.background * composite.background_weight(rows, columns)
+        cube *= white[:, None, None]
+        return {"radiance": cube, "white_radiance": white}
+
+
+def _squarest(count: int, aspect: float) -> int:
+    """Columns with which patches of a frame (width over height ``aspect``) are nearest to squares, and few places empty."""
+
+    def waste(columns: int) -> float:
+        rows = -(-count // columns)
+        return abs(math.log(aspect * rows / columns)) + (rows * columns - count) / count
+
+    return min(range(1, count + 1), key=waste)

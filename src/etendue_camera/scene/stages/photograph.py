@@ -1,0 +1,103 @@
+"""Photographs as light: a picture file as a reflecting surface under an illuminant.
+
+In:  a picture file and what all scenes take.
+Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Facts, param
+from etendue.contract.bounds import beyond
+from etendue.transfer import resampling
+from etendue_camera import spectra
+from etendue_camera.colour.encoding import srgb_decode
+from etendue_camera.picture_files import MOST_PIXELS, read_picture
+from etendue_camera.scene.stages.charts import Scene
+
+
+def _linear_photograph(path: str, rows: int, columns: int) -> Any:
+    """What ``_read_photograph`` gives, remembered as long as the file stays as it is."""
+    state = os.stat(path)
+    return _read_photograph(path, rows, columns, (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=4)
+def _read_photograph(path: str, rows: int, columns: int, state: tuple[int, int]) -> Any:
+    """Linear sRGB (3, rows, columns): the largest centred crop of the right shape, area-averaged in linear light; what to note."""
+    picture = read_picture(path)
+    height, width = picture.values.shape[:2]
+    scale = min(height / rows, width / columns)
+    crop_rows, crop_columns = max(1, round(rows * scale)), max(1, round(columns * scale))
+    top, left = (height - crop_rows) // 2, (width - crop_columns) // 2
+    crop = picture.values[top : top + crop_rows, left : left + crop_columns]
+    linear = resampling.area_average(crop, rows, columns, lambda values: srgb_decode(values.astype(float) / picture.full))
+    linear.flags.writeable = False
+    return np.broadcast_to(linear, (3, rows, columns)), picture.note
+
+
+@dataclass(frozen=True, kw_only=True)
+class Photograph(Scene):
+    """A picture (PNG, JPEG, TIFF; sRGB-encoded, at its full depth) as a reflecting surface under the illuminant.
+
+    Decoded to linear light, area-averaged onto the grid, and given spectra by a basis whose colours under D65 are
+    those of the picture (to rounding, over the whole light). The picture's own band limit is that of its samples.
+    """
+
+    file: str = param(
+        file=True,
+        example="package:etendue/data/examples/picture.png",
+        doc="the picture; package:matplotlib/... names a file of an installed distribution",
+    )
+    working: ClassVar = 1.0
+    libraries: ClassVar = ("colour-science", "pillow", "tifffile")
+
+    def band_limit(self) -> float:
+        return 0.5 / self.spacing
+
+    def rendered(self) -> None:
+        """What a camera and a file format have done to it nobody knows."""
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        _, note = _linear_photograph(self.file, *self.size())
+        return [
+            *super().warn(facts, grids),
+            *spectra.held_in_the_infrared("basis of RGB", self.wavelength_from, self.wavelength_to),
+            *([f"{os.path.basename(self.file)}: {note}"] if note else []),
+        ]
+
+    def size(self) -> tuple[int, int]:
+        grid = self.plane()
+        rows, columns = grid["y"].size, grid["x"].size
+        too_many = beyond(rows * columns, "samples in a photograph", MOST_PIXELS, "take a wider spacing or a smaller scene")
+        if too_many:
+            raise ValueError(too_many)
+        return rows, columns
+
+    def known(self) -> Facts:
+        linear, _ = _linear_photograph(self.file, *self.size())
+        low, high = float(linear.min()), float(linear.max())
+        return Facts(uniform=low == high, contrast=high / low if low > 0 else math.inf)
+
+    def prepare(self, coordinates: Any) -> Any:
+        edges = tuple(coordinates["out_wavelength_edges"])
+        return super().prepare(coordinates), spectra.upsampling_basis(edges)
+
+    def by_band(self, prepared: Any, bands: slice) -> Any:
+        return prepared[0][bands], prepared[1][bands]
+
+    def run(self, prepared: Any) -> dict[str, Any]:
+        white, basis = prepared
+        linear, _ = _linear_photograph(self.file, *self.size())
+        weights = (np.maximum(basis, 0.0) * white[:, None])[:, :, None, None]
+        cube = weights[:, 0] * linear[0]  # not a matrix product: its bits would hang on the number of bands
+        cube += weights[:, 1] * linear[1]
+        cube += weights[:, 2] * linear[2]
+        return {"radiance": cube, "white_radiance": white}

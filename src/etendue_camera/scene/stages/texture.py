@@ -1,0 +1,67 @@
+"""Scenes of random texture: what shows whether fine detail survives where no edge tells.
+
+In:  a chart's geometry (um on the image plane), an illuminant, the luminance of a white diffuser.
+Out: ``radiance`` (wavelength, y, x) and ``white_radiance`` (wavelength), W m-2 sr-1 nm-1, bin means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from etendue.api import Facts, Grid, param
+from etendue_camera.scene import charts, dead_leaves
+from etendue_camera.scene.stages.charts import Scene
+
+SOFT_ERROR, HARD_ERROR = 0.06, 0.25  # largest, of the range of levels, at 1-fold oversampling, falling with its square
+FEW_SAMPLES = 4.0  # in the radius of the smallest leaf: smaller ones err more
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadLeaves(Scene):
+    """Discs of all sizes and greys that cover each other; the same ones for the same seed, whatever noise a camera adds."""
+
+    nanoseconds: ClassVar = 40.0
+
+    seed: int = param(1, at_least=0, doc="of the chart; noise has streams of its own")
+    smallest: float = param(5.0, units="um", above=0, doc="radius of the smallest leaves")
+    largest: float = param(100.0, units="um", above=0, doc="radius of the largest leaves")
+    exponent: float = param(3.0, at_least=-10, at_most=10, doc="radii have density r^-exponent; 3 looks alike at every scale")
+    low: float = param(0.1, at_least=0, at_most=1)
+    high: float = param(0.9, at_least=0, at_most=1)
+    softness: float = param(
+        1.0, at_least=0, held=(0, 100), fidelity=True, reference="the ideal chart", studied=True,
+        settings=(4.0, 2.0, 1.0, 0.5, 0.25, 0.0),
+        doc="rms width of the Gaussian with which the chart is rendered, in samples: band limit, known exactly; 0: ideal, for cells",
+    )  # fmt: skip
+    oversampling: int = param(
+        4, at_least=1, at_most=32, fidelity=True, reference="32", settings=(1, 2, 4, 8, 16, 32),
+        doc="leaves are painted on cells so many times finer than the samples",
+    )  # fmt: skip
+
+    def chart(self) -> dead_leaves.Leaves:
+        return dead_leaves.leaves(self.width, self.height, self.smallest, self.largest, self.low, self.high, self.seed, self.exponent)
+
+    def known(self) -> Facts:
+        charts.require_levels(self.low, self.high)
+        self.chart()
+        return Facts(uniform=False, contrast=self.high / self.low if self.low > 0 else float("inf"))
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        said = super().warn(facts, grids)
+        if self.smallest < self.spacing:
+            said.append(f"leaves down to {self.smallest:g} um are drawn on samples {self.spacing:g} um apart, which cannot show them")
+        return said
+
+    def error(self, facts: Facts, grid: Grid, precision: str) -> tuple[float, str]:
+        """Largest error of a sample against 32-fold painting, and that of the tables."""
+        worst = SOFT_ERROR if self.softness >= 1 else HARD_ERROR
+        crowded = max(1.0, FEW_SAMPLES * self.spacing / self.smallest)
+        painted = min(1.0, worst * crowded / self.oversampling**2) * (self.high - self.low)
+        return super().error(facts, grid, precision)[0] + painted, "measured"
+
+    def run(self, out_y: Any, out_x: Any, prepared: Any) -> dict[str, Any]:
+        y, x = self.centred(out_y, out_x)
+        return self.grey(
+            dead_leaves.dead_leaves(y, x, self.chart(), self.softness_um(self.softness), self.cell, self.oversampling), prepared
+        )

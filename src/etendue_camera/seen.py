@@ -1,0 +1,45 @@
+"""How a camera's arrays are seen: light through the CIE 1931 observer, channels by name, a mosaic through its own filters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.drawn import Drawn
+from etendue_camera import spectra
+from etendue_camera.colour import matrices
+from etendue_camera.sensor import cfa
+
+TO_RGB = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB)
+
+
+def of_wavelength(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
+    """(3, wavelength): bands as an eye sees them, whose edges are in nm; numbers as their mean."""
+    if not drawn.linear:
+        return _mean(len(edges) - 1)
+    return TO_RGB @ (spectra.colour_matching(edges) * np.diff(edges)[:, None]).T
+
+
+def of_channel(drawn: Drawn, edges: Any, names: Sequence[str]) -> Any:
+    """(3, channel): tristimulus values as a viewer sees them who is adapted to their white; red, green and blue as they are."""
+    names = list(names)
+    if names[:3] == ["R", "G", "B"]:
+        return None
+    if names != ["X", "Y", "Z"] or not drawn.linear:
+        return _mean(len(names))
+    if not drawn.viewer:
+        return TO_RGB
+    white = np.asarray(drawn.viewer, float)  # as its viewer sees it, not as it would look beside the white of the display
+    return TO_RGB @ matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
+
+
+def of_pattern(text: str) -> tuple[tuple[str, ...], dict[str, tuple[float, float, float]]]:
+    """Rows of letters of a colour filter array, and the colour of each letter."""
+    mask = cfa.read(text)
+    return mask.rows, {channel: cfa.tint(channel) for channel in mask.channels}
+
+
+def _mean(planes: int) -> Any:
+    return np.full((3, planes), 1 / planes)

@@ -1,0 +1,114 @@
+"""What a pixel that reads gathered bands and few frequencies does not see.
+
+In:  weights of the channels, the stages in front, what the light holds; numbers of terms and the share of frequencies kept.
+Out: the rms of what is missing, relative to what a channel reads in the brightest light.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from etendue.api import Grid, Transfer
+from etendue.contract.facts import Spectrum
+from etendue.transfer import effects, expansion
+from etendue.transfer import rings as scene_spectrum
+from etendue_camera.sensor import photodiode
+
+PART = 0.25
+"""Of light that could be strong at any frequency: a picture between black and full scale has at most half of it in its waves, rms, and
+never all at the worst frequency. Of random scenes and spectra, narrow ones too, an eighth of the whole is the most."""
+
+Weights = tuple[tuple[float, ...], ...]
+
+
+def of_the_light(
+    weights: Weights, before: tuple[Transfer, ...], light: Grid, spectrum: Spectrum | None, width: float, terms: int,
+    kept: float,
+) -> float:  # fmt: skip
+    """Of the worst channel.
+
+    Parameters
+    ----------
+    weights : (channel, wavelength), a sum of 1 for each channel
+    before : stages between the segment's input and the pixel
+    light : Grid
+        Of the light.
+    spectrum : Spectrum or None
+        Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is worst.
+    width : float
+        Of the light-sensitive square, um.
+    terms : int
+        0: every band is read for itself.
+    kept : float
+        Share of the Nyquist frequency of the grid.
+
+    Returns
+    -------
+    float
+        Root mean square over the frame, the bands' errors added up as if they were in phase.
+    """
+    edges = light.bands().edges
+    steps = (light.line("y").step, light.line("x").step)
+    corner = 0.5 * math.hypot(1 / steps[0], 1 / steps[1])
+    rings = spectrum.edges if spectrum is not None else tuple(np.linspace(0.0, corner, expansion.FITTED))
+    missing = _missing(weights, before, edges, corner, rings, terms, kept * 0.5 / max(steps))
+    lost = scene_spectrum.largest_in_rings(missing * passed(width, rings))
+    if spectrum is None:
+        return PART * float(lost.sum(axis=1).max())
+    amplitude = np.einsum("clr,lr->cr", lost, _amplitudes(spectrum))
+    full = np.array(weights) @ np.array(spectrum.high)
+    rms = np.sqrt((amplitude**2).sum(axis=1))
+    return float(np.divide(rms, full, out=np.zeros_like(rms), where=full > 0).max())
+
+
+@lru_cache(64)
+def _amplitudes(spectrum: Spectrum) -> Any:
+    """(wavelength, ring): rms of what every ring holds."""
+    return np.sqrt(np.array(spectrum.power))
+
+
+@lru_cache(256)
+def passed(width: float, rings: tuple[float, ...]) -> Any:
+    """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all directions."""
+    frequency = scene_spectrum.frequencies_in(np.array(rings))
+    found = np.zeros_like(frequency)
+    for angle in np.linspace(0, math.pi / 4, 7):
+        along, across = math.cos(angle) * frequency, math.sin(angle) * frequency
+        found = np.maximum(found, np.abs(photodiode.aperture_otf(along, width) * photodiode.aperture_otf(across, width)))
+    return found
+
+
+@lru_cache(96)
+def _missing(
+    weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, rings: tuple[float, ...], terms: int,
+    limit: float,
+) -> Any:  # fmt: skip
+    """(channel, wavelength, frequency): the largest part of every band that is lost, over all directions."""
+    own = np.array(weights)
+    own = own[own.max(axis=1) > 0]
+    points = scene_spectrum.frequencies_in(np.array(rings))
+    transfer = effects.in_directions(before, edges, points)
+    beyond = points > limit
+    whole = np.abs(own[:, :, None] * transfer[:, None])
+    if not terms:
+        found = np.where(beyond, whole, 0.0)
+    else:
+        basis = basis_of(weights, before, edges, corner, terms)
+        residual = np.stack([expansion.expansion_residual(own, one, basis) for one in transfer])
+        found = np.where(beyond, whole, residual)
+    every = np.zeros((len(weights), *found.shape[2:]))
+    every[np.array(weights).max(axis=1) > 0] = found.max(axis=0)
+    return every
+
+
+@lru_cache(64)
+def basis_of(weights: Weights, before: tuple[Transfer, ...], edges: tuple[float, ...], corner: float, terms: int) -> Any:
+    """(terms, wavelength): the functions of wavelength in which the light is gathered."""
+    own = np.array(weights)
+    frequency = np.linspace(0.0, corner, expansion.FITTED)
+    transfer = effects.in_directions(before, edges, frequency)[0].real
+    return expansion.wavelength_basis(own[own.max(axis=1) > 0], terms, transfer, expansion.importance(frequency))

@@ -1,0 +1,50 @@
+"""The colour filter array: one channel for each pixel.
+
+In:  ``photon_rate`` (channel, y, x), electron/s, behind each filter of the sensor.
+Out: ``photocurrent`` (y, x), electron/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from etendue.api import Facts, Grid, Haloed, proved, quantity
+from etendue_camera.sensor import cfa
+from etendue_camera.sensor.stages.masks import first_pixel, mask_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mosaic(Haloed):
+    """The colour filter array: each pixel keeps one channel, by its index on the sensor, whatever window is read."""
+
+    role: ClassVar = "colour filter array"
+    reads: ClassVar = {"photon_rate": "channel y x [electron/s]"}
+    writes: ClassVar = {"photocurrent": "y x [electron/s]"}
+    keeps: ClassVar = ("order",)
+    gain: ClassVar = 1.0
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 1.0
+    working: ClassVar = 0.0
+    error: ClassVar = proved(0.0)
+
+    pattern: str = quantity("pattern")
+
+    def __post_init__(self) -> None:
+        mask_of(self.pattern)
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        planes, channels = inputs["photon_rate"], mask_of(self.pattern).channels
+        found = tuple(planes["channel"].values())
+        if found != channels:
+            raise ValueError(
+                f"the pattern {self.pattern!r} has channels {', '.join(channels)}, but photon_rate has {', '.join(map(str, found))}"
+            )
+        return {"photocurrent": planes.take(("y", "x"))}
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """Values of one plane or another: in the range of them all."""
+        return Facts(low=facts["photon_rate"].low, high=facts["photon_rate"].high)
+
+    def run(self, photon_rate: Any, y: Any, x: Any) -> dict[str, Any]:
+        return {"photocurrent": cfa.pick(photon_rate, mask_of(self.pattern), *first_pixel(y, x))}

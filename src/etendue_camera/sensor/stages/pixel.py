@@ -1,0 +1,256 @@
+"""The sensor: light on the photodiodes, behind each filter.
+
+In:  ``irradiance`` on the image-plane grid (um).
+Out: ``photon_rate`` (channel, y, x), electron/s, on the pixel grid.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, Transfer, param, quantity
+from etendue.contract.roles import CROSSTALK
+from etendue.contract.stage import state_of
+from etendue.transfer.sampling import on_unique_rows
+from etendue_camera import spectra
+from etendue_camera.sensor import photodiode, silicon
+from etendue_camera.sensor.stages import missing
+from etendue_camera.sensor.stages.sensitivity import (
+    FLAT,
+    SEEN_BY,
+    Collecting,
+    collection_at_zero,
+    cut_off_notes,
+    electrons_per_irradiance,
+    peaks_note,
+    quantum_efficiency,
+    shares,
+    unused_notes,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diffusion(Transfer, Bounded, InSilicon):
+    """Charge that wanders before it is collected: D(f)/D(0) of the photodiode (eqs. 6-8) by wavelength."""
+
+    role: ClassVar = "diffusion"
+    once: ClassVar = ("diffusion of charge",)
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    gain: ClassVar = 1.2  # 1.09 at worst, on a grid that cuts its transfer function off
+    radial: ClassVar = True
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 5.0
+
+    depletion_depth: float = quantity("depletion_depth")
+    diffusion_depth: float = quantity("diffusion_depth")
+    diffusion_length: float = quantity("diffusion_length")
+    back: str = quantity("back")
+    crosstalk: str = quantity("crosstalk")
+    nodes: int = param(
+        4096, at_least=0, at_most=1_000_000, fidelity=True, reference="0: evaluated at every frequency",
+        settings=(64, 128, 256, 512, 1024, 4096, 0), costs=(0.85, 0.85, 0.86, 0.88, 0.9, 1.0, 1.6),
+        doc="radial frequencies at which D is evaluated for a whole frame; cubic between them",
+    )  # fmt: skip
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
+        if self.crosstalk == "through_filter":
+            return np.ones((1, np.size(fy), np.size(fx)))
+        alphas = silicon.absorption(np.ravel(wavelength))
+        diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
+        return on_unique_rows(lambda rows: photodiode.collection_mtf_bands(np.hypot(rows, fx), alphas, *diode, self.nodes), fy)  # type: ignore[arg-type]
+
+    def negligible(self, facts: Facts, grid: Grid) -> tuple[float, str] | None:
+        if self.crosstalk == "through_filter":
+            return 0.0, "charge diffuses behind the filters (crosstalk = through_filter): stage crosstalk, after the mosaic"
+        return (0.0, "the scene is uniform: diffusion changes nothing") if facts.uniform else None
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """As for every blur: only a uniform plane is sure to stay in its range."""
+        return facts["irradiance"] if facts["irradiance"].uniform else Facts(uniform=facts["irradiance"].uniform)
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        table = 1e-12 * (4096 / self.nodes) ** 4 if self.nodes else 0.0
+        return table + (1e-6 if precision == "float32" else 2e-14), "fitted" if table else "measured"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pixel(Collecting, Summed):
+    """Light on each pixel's photodiode, summed over wavelength, at the pixel centres.
+
+    What lies beyond the pixel's Nyquist frequency folds back: aliasing is part of the answer. The number of pixels
+    is fixed (``rows``, ``columns``), or follows from a fixed sensor (``sensor_height``, ``sensor_width``), or is
+    that of the scene's samples (``sampling = "paper"``).
+    """
+
+    role: ClassVar = "pixel"
+    reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
+    writes: ClassVar = {"photon_rate": "channel y x [electron/s]"}
+    gain: ClassVar = 41.0  # interpolation between samples by pixels smaller than their spacing, 10000 x 10000; 1.4 from two samples on
+    negative: ClassVar = "keep"
+    nanoseconds: ClassVar = 8.0
+    libraries: ClassVar = ("colour-science",)
+
+    sampling: str = param("physical", choices=("physical", "paper"), doc="pixels of their own, or one scene sample = one pixel")
+    rows: int = param(0, at_least=0, doc="pixels along y; 0: as many as the sensor's size or the light hold")
+    columns: int = param(0, at_least=0, doc="pixels along x")
+    sensor_height: float = param(0.0, units="mm", at_least=0, doc="fixed size of the sensor; 0: not fixed")
+    sensor_width: float = param(0.0, units="mm", at_least=0)
+    first_row: int = param(0, doc="first row of the window that is read")
+    first_column: int = param(0, doc="first column of the window that is read")
+    window_rows: int = param(0, at_least=0, doc="rows of the window; 0: all")
+    window_columns: int = param(0, at_least=0, doc="columns of the window; 0: all")
+    wavelength_terms: int = param(
+        0, at_least=0, at_most=32, fidelity=True, reference="0: every band its own transform",
+        settings=(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 16, 20, 24, 32, 0),
+        doc="planes in which the bands are gathered before the transforms, as many as channels or more: 7 to 9 serve most lenses",
+    )  # fmt: skip
+    kept_frequencies: float = param(
+        1.0, above=0, at_most=1, fidelity=True, exact=True, reference="1: all that the grid carries",
+        settings=(0.125, 0.1875, 0.25, 0.375, 0.5, 0.75, 1.0), costs=(0.23, 0.24, 0.25, 0.26, 0.27, 0.35, 1.0),
+        doc="share of the grid's Nyquist frequency beyond which light is left out",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.wavelength_terms < len(self.channels):
+            raise ValueError(
+                f"wavelength_terms is {self.wavelength_terms}, but the sensor has {len(self.channels)} channels; give as many or more, or 0"
+            )
+
+    def grid(self, inputs: Any) -> dict[str, Grid]:
+        light = inputs["irradiance"]
+        lines = {
+            "y": self._line(light.line("y"), self.rows, self.sensor_height, self.first_row, self.window_rows, "rows", "sensor_height"),
+            "x": self._line(
+                light.line("x"), self.columns, self.sensor_width, self.first_column, self.window_columns, "columns", "sensor_width"
+            ),
+        }
+        return {"photon_rate": Grid.of({"channel": Labels(self.channels), **lines})}
+
+    def _line(self, light: Line, count: int, size_mm: float, first: int, window: int, what: str, size_name: str) -> Line:
+        if self.sampling == "paper":
+            if abs(light.step - self.pixel_pitch) > 1e-9 * self.pixel_pitch:
+                raise ValueError(
+                    f"sampling 'paper' takes one scene sample for one pixel, but the scene's spacing is {light.step:g} um and the pitch "
+                    f"{self.pixel_pitch:g} um; make them equal, or use sampling = 'physical'"
+                )
+            return Line(light.size, 0.0, 1.0, "1", (light.start, light.step))
+        if count and size_mm:
+            raise ValueError(f"{what} and {size_name} are both given; one follows from the other and the pitch")
+        length = light.size * light.step
+        total = count or (math.floor(size_mm * 1e3 / self.pixel_pitch + 1e-9) if size_mm else math.floor(length / self.pixel_pitch + 1e-9))
+        size = window or total - first
+        centre = light.start + 0.5 * (light.size - 1) * light.step
+        start = centre + (first - 0.5 * (total - 1)) * self.pixel_pitch
+        low, high = start - 0.5 * self.pixel_pitch, start + (size - 0.5) * self.pixel_pitch
+        if size < 1 or low < light.start - 0.5 * light.step - 1e-6 or high > light.start + (light.size - 0.5) * light.step + 1e-6:
+            raise ValueError(
+                f"{size} pixels of {self.pixel_pitch:g} um reach from {low:g} to {high:g} um, but the scene's light is {length:g} um long; "
+                f"widen the scene or take fewer {what}"
+            )
+        return Line(size, float(first), 1.0, "1", (start, self.pixel_pitch))
+
+    def prepare(self, coordinates: Any) -> Any:
+        return electrons_per_irradiance(self, tuple(coordinates["wavelength_edges"]))
+
+    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
+        width = self.pixel_pitch * self.aperture_fraction
+        aperture = photodiode.aperture_otf(fy, width) * photodiode.aperture_otf(fx, width)
+        if self.aperture_offset_y == 0 == self.aperture_offset_x:
+            return aperture[None]
+        return (aperture * np.exp(2j * np.pi * self.pixel_pitch * (self.aperture_offset_y * fy + self.aperture_offset_x * fx)))[None]
+
+    def weights(self, prepared: Any) -> Any:
+        return prepared
+
+    def error(self, facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """Of the sum over wavelength and the evaluation between samples: 3e-6 at worst, up to 1024 x 1500."""
+        return (5e-6 if precision == "float32" else 2e-14), "measured"
+
+    def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float, str]:
+        """With what an expansion and the frequencies left out take from the light: of what the scene holds, where that is known; else of
+        light equally strong in every band, at the frequency where that is most."""
+        bound, how = self.error(facts, grid, precision)
+        light = grid["irradiance"]
+        few = 0 < self.wavelength_terms < light.bands().size and bool(before)
+        if not few and self.kept_frequencies == 1:
+            return bound, how
+        lost = missing.of_the_light(
+            self.normalised(light.bands().edges), before, light, facts["irradiance"].spectrum,
+            self.pixel_pitch * self.aperture_fraction,
+            self.wavelength_terms if few else 0, self.kept_frequencies,
+        )  # fmt: skip
+        return bound + lost, "fitted"
+
+    def normalised(self, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+        """(channel, wavelength): the weights of every channel with a sum of 1, whatever the size of the pixel; 0 where nothing is seen."""
+        return shares(tuple(getattr(self, name) for name in SEEN_BY), state_of(self)[1], edges)
+
+    def terms(self) -> int:
+        return self.wavelength_terms
+
+    def kept(self) -> float:
+        return self.kept_frequencies
+
+    def carry(self, facts: Any, grid: Any) -> Facts:
+        """Charge between that of the darkest and of the brightest light, in any channel."""
+        light = facts["irradiance"]
+        if light.spectrum is None or light.low is None or light.high is None:
+            return Facts(uniform=light.uniform)
+        weights = electrons_per_irradiance(self, grid["irradiance"].bands().edges)
+        low, high = light.spectrum.bands_of_light()
+        below, above = weights @ np.array(low), weights @ np.array(high)
+        return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()))
+
+    def warn(self, facts: Facts, grids: Any) -> list[str]:
+        edges = grids["irradiance"].bands().edges
+        return [
+            *unused_notes(self),
+            *peaks_note(self),
+            *self._beyond_the_light(edges),
+            *cut_off_notes(self, edges),
+            *self._charge_under_other_filters(facts, grids),
+        ]
+
+    def warn_among(self, others: Any) -> list[str]:
+        if self.crosstalk != "through_filter" or any(kind.role == CROSSTALK for kind in others.values()):
+            return []
+        return ["crosstalk = 'through_filter', but no stage crosstalk stands after the mosaic: charge does not diffuse at all"]
+
+    def _beyond_the_light(self, edges: tuple[float, ...]) -> list[str]:
+        """What the sensor sees outside the wavelengths of the scene; narrow light is taken for what it is."""
+        known = self.sensitivity == FLAT or spectra.spectrum(self.sensitivity)  # tables of colour-science end where their filters do
+        if edges[-1] - edges[0] < 200 or not known:
+            return []
+        bins = tuple(300.0 + 10 * i for i in range(91))
+        centres = np.array(bins[:-1]) + 5
+        seen = quantum_efficiency(self, bins)
+        if self.sensitivity_kind == "system_qe":
+            seen = seen * (collection_at_zero(self, centres) > 0.02)
+        outside = (centres < edges[0]) | (centres > edges[-1])
+        share = float((seen[:, outside].sum(axis=1) / np.maximum(seen.sum(axis=1), 1e-300)).max())
+        if share <= 0.02:
+            return []
+        return [
+            f"{100 * share:.0f} % of a channel's sensitivity lies outside {edges[0]:g} to {edges[-1]:g} nm: such light is left out; widen "
+            "the scene's wavelengths (wavelength_to = 1100), unless a filter cuts it"
+        ]
+
+    def _charge_under_other_filters(self, facts: Facts, grids: Any) -> list[str]:
+        if self.crosstalk != "per_plane" or facts.uniform or len(self.channels) == 1:
+            return []
+        middle = min(grids["irradiance"].bands().values(), key=lambda w: abs(w - 555))
+        alpha = float(silicon.absorption(middle * 1e-3))
+        diode = (self.depletion_depth, self.diffusion_depth, self.diffusion_length, self.back)
+        left = float(photodiode.collection_mtf(0.5 / self.pixel_pitch, alpha, *diode))  # type: ignore[arg-type]
+        if self.pixel_pitch >= 3 and left >= 0.8:
+            return []
+        return [
+            "wandering charge reaches pixels of other colours (pixels below 3 um, or less than 0.8 of the contrast left at their Nyquist "
+            "frequency in green light); crosstalk = 'through_filter', with the stage crosstalk after the mosaic, has that"
+        ]

@@ -1,0 +1,234 @@
+"""Quantum efficiency of a sensor's channels from a sensitivity table: shared by the pixel, the white and the colour fit.
+
+In:  camera quantities of filters and photodiode; the colour filter array; bin edges, nm.
+Out: electrons per photon and per irradiance, (channel, wavelength), in the order of the mask's channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from etendue.api import Stage, quantity
+from etendue_camera import spectra
+from etendue_camera.light.radiometry import photons_from_energy
+from etendue_camera.sensor import photodiode, silicon
+from etendue_camera.sensor.stages.masks import mask_of
+
+FLAT = "flat"  # the sensitivity that is the same for photons of every wavelength
+CLEAR = "WC"  # letters of pixels without a filter
+WORDS = {"red": "R", "green": "G", "blue": "B", "white": "W", "clear": "C"}
+CAMERA_COLUMNS = ("R", "G", "B")
+OF_THE_SAME, SAME_PEAK = 0.005, 0.01  # columns whose peaks are so near to 1 are relative; a table's peak is so near to peak_qe
+FINE = tuple(300.0 + 0.25 * i for i in range(3601))  # nm, bins in which the peak of a table is looked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitive(Stage):
+    """A stage that knows filters and photodiode."""
+
+    pattern: str = quantity("pattern")
+    sensitivity: str = quantity("sensitivity")
+    sensitivity_kind: str = quantity("sensitivity_kind")
+    sensitivity_per: str = quantity("sensitivity_per")
+    peak_qe: tuple[float, ...] = quantity("peak_qe")
+    depletion_depth: float = quantity("depletion_depth")
+    diffusion_depth: float = quantity("diffusion_depth")
+    diffusion_length: float = quantity("diffusion_length")
+    back: str = quantity("back")
+    surface_transmission: float = quantity("surface_transmission")
+
+    def __post_init__(self) -> None:
+        spectra.check_camera(self.sensitivity)
+        if not isinstance(self.peak_qe, tuple):  # one for all, as the value of an axis
+            object.__setattr__(self, "peak_qe", (float(self.peak_qe),))
+        channels = self.channels
+        if len(self.peak_qe) not in (1, len(channels)):
+            raise ValueError(
+                f"peak_qe has {len(self.peak_qe)} values, but the pattern {self.pattern!r} has {len(channels)} channels: "
+                f"{', '.join(channels)}; give one value for each, or one for all"
+            )
+        if not spectra.spectrum(self.sensitivity) and self.sensitivity != FLAT:
+            _columns_of(self, CAMERA_COLUMNS)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Letters of the sensor's channels in the order of its planes."""
+        return mask_of(self.pattern).channels
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collecting(Sensitive):
+    """One that knows the pixel as well."""
+
+    pixel_pitch: float = quantity("pixel_pitch")
+    aperture_fraction: float = quantity("aperture_fraction")
+    aperture_offset_y: float = quantity("aperture_offset_y")
+    aperture_offset_x: float = quantity("aperture_offset_x")
+    microlens_gain: float = quantity("microlens_gain")
+    crosstalk: str = quantity("crosstalk")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        room = 0.5 * (1 - self.aperture_fraction)
+        for name, offset in (("aperture_offset_y", self.aperture_offset_y), ("aperture_offset_x", self.aperture_offset_x)):
+            if abs(offset) > room + 1e-12:
+                raise ValueError(
+                    f"{name} = {offset:g} moves the light-sensitive square out of its pixel: with aperture_fraction = "
+                    f"{self.aperture_fraction:g} it may move by {room:g} pitches"
+                )
+        fill = self.aperture_fraction**2
+        if self.microlens_gain * fill > 1 + 1e-12:
+            raise ValueError(
+                f"microlens_gain = {self.microlens_gain:g} times the fill factor {fill:.3g} is above 1, but a microlens collects no more "
+                f"than the light on its pixel: {1 / fill:.4g} at most"
+            )
+
+
+def _columns_of(stage: Any, names: tuple[str, ...]) -> list[int | None]:
+    """For each channel its column in a table with these names; None for a clear pixel that needs none."""
+    channels = mask_of(stage.pattern).channels
+    if len(channels) == len(names) == 1:
+        return [0]
+    letters = [WORDS.get(name.casefold(), name.upper()) for name in names]
+    found: list[int | None] = []
+    for channel in channels:
+        if channel in letters:
+            found.append(letters.index(channel))
+        elif channel in CLEAR and stage.sensitivity_kind == "filter_transmittance":
+            found.append(None)
+        else:
+            clear = ", or take sensitivity_kind = 'filter_transmittance', where a clear pixel needs none" if channel in CLEAR else ""
+            raise ValueError(
+                f"the pattern {stage.pattern!r} has a channel {channel}, but the sensitivity {stage.sensitivity!r} has columns "
+                f"{', '.join(names)} only; give the path of a CSV table with a column {channel}{clear}"
+            )
+    return found
+
+
+def quantum_efficiency(stage: Any, edges: tuple[float, ...]) -> Any:
+    """Electrons per photon that arrives, (channel, wavelength), at zero spatial frequency.
+
+    A relative table is brought to ``peak_qe`` per channel at its own peak, whichever bins the light has; a clear pixel
+    without a column transmits everything.
+    ``system_qe`` tables hold the silicon already; ``filter_transmittance`` tables are multiplied by the collection D(0)
+    and the surface transmission.
+    """
+    if stage.sensitivity == FLAT:
+        return _of_the_silicon(stage, edges, np.ones((len(mask_of(stage.pattern).channels), len(edges) - 1)))
+    names, table = spectra.camera_sensitivity(stage.sensitivity, edges)
+    columns, fine = _columns_of(stage, names), spectra.camera_sensitivity(stage.sensitivity, FINE)[1]
+    relative, highest = (_relative(stage, columns, *part) for part in ((table, edges), (fine, FINE)))
+    peaks = highest.max(axis=1, keepdims=True)
+    if not np.all(relative.max(axis=1) > 0):
+        raise ValueError(f"the sensitivity {stage.sensitivity!r} has a channel that sees nothing in {edges[0]:g}-{edges[-1]:g} nm")
+    return _of_the_silicon(stage, edges, relative / peaks)
+
+
+def _of_the_silicon(stage: Any, edges: tuple[float, ...], relative: Any) -> Any:
+    """Curves with a peak of 1 to electrons per photon: ``peak_qe``, and where the table knows filters alone, collection and surface."""
+    efficiency = relative * np.broadcast_to(np.array(stage.peak_qe), relative.shape[0])[:, None]
+    if stage.sensitivity_kind == "filter_transmittance":
+        centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
+        efficiency = efficiency * collection_at_zero(stage, centres) * stage.surface_transmission
+    return efficiency
+
+
+def _relative(stage: Any, columns: list[int | None], table: Any, edges: tuple[float, ...]) -> Any:
+    """(channel, wavelength): the columns of the channels, per photon up to a factor."""
+    centres = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
+    found = np.stack([np.ones(centres.size) if column is None else table[:, column] for column in columns])
+    if stage.sensitivity_per == "energy":
+        measured = np.array([column is not None for column in columns])
+        found[measured] = found[measured] / centres
+    return found
+
+
+def unused_notes(stage: Any) -> list[str]:
+    """What is said of quantities that were given and change nothing."""
+    said = []
+    if stage.sensitivity_kind == "system_qe" and stage.surface_transmission != 1:
+        said.append(
+            f"surface_transmission = {stage.surface_transmission:g} changes nothing: sensitivity_kind = 'system_qe' holds the surface "
+            "already; take sensitivity_kind = 'filter_transmittance', or lower peak_qe"
+        )
+    if stage.sensitivity == FLAT and stage.sensitivity_per == "energy":
+        said.append("sensitivity_per = 'energy' changes nothing: sensitivity = 'flat' is the same for photons of every wavelength")
+    return said
+
+
+def peaks_note(stage: Any) -> list[str]:
+    """What is said of a table that looks absolute (columns between 0 and 1, of peaks other than 1) and is scaled to other peaks."""
+    if stage.sensitivity == FLAT or not spectra.spectrum(stage.sensitivity) or stage.sensitivity_kind != "system_qe":
+        return []
+    names, _, values = spectra.camera_rows(stage.sensitivity)
+    channels = [(letter, column) for letter, column in zip(stage.channels, _columns_of(stage, names), strict=True) if column is not None]
+    peaks = np.array([values[:, column].max() for _, column in channels])
+    wanted = np.broadcast_to(np.array(stage.peak_qe), len(channels)) if len(stage.peak_qe) == 1 else np.array(stage.peak_qe)
+    relative = np.ptp(peaks) < OF_THE_SAME and peaks.max() > 1 - OF_THE_SAME
+    if stage.sensitivity_per == "energy" or relative or peaks.max() > 1 or not peaks.min() > 0:
+        return []
+    if np.all(np.abs(peaks - wanted) <= SAME_PEAK * peaks):
+        return []
+    found, given = (", ".join(f"{one:.3g}" for one in part) for part in (peaks, wanted))
+    what = stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    return [
+        f"the columns of {what} peak at {found} ({', '.join(letter for letter, _ in channels)}) and are scaled to peak_qe = [{given}]; "
+        f"to take them as they stand: peak_qe = [{found}]"
+    ]
+
+
+def cut_off_notes(stage: Any, edges: tuple[float, ...]) -> list[str]:
+    """What is said of a table that ends where a channel still sees: beyond, the channel sees nothing.
+
+    Filters in front of silicon are looked at for themselves: how much charge hangs on their ends depends on the silicon too.
+    """
+    if stage.sensitivity == FLAT:
+        return []
+    lowest, highest = spectra.camera_range(stage.sensitivity)
+    if lowest <= edges[0] and edges[-1] <= highest:
+        return []  # without colour-science
+    names, rows, values = spectra.camera_rows(stage.sensitivity)
+    what = stage.sensitivity if stage.sensitivity.endswith(spectra.ENDINGS) else f"the sensitivity {stage.sensitivity!r}"
+    chosen = [column for column in _columns_of(stage, names) if column is not None]
+    curves = values[:, chosen] / (rows[:, None] if stage.sensitivity_per == "energy" else 1.0)
+    return spectra.cut_off_note(what, [names[column] for column in chosen], rows, curves, edges[0], edges[-1])
+
+
+def collection_at_zero(stage: Any, wavelength_nm: Any) -> Any:
+    """D(0) by wavelength."""
+    alphas = silicon.absorption(np.asarray(wavelength_nm) * 1e-3)
+    diode = (stage.depletion_depth, stage.diffusion_depth, stage.diffusion_length, stage.back)
+    return np.array([float(photodiode.collection(0.0, float(a), *diode)) for a in alphas])
+
+
+def electrons_per_irradiance(stage: Any, edges: tuple[float, ...]) -> Any:
+    """(channel, wavelength): electron/s of a pixel per W m-2 nm-1 in each bin: width x lambda/hc x area x efficiency.
+
+    The area is that of the light-sensitive square, times the gain of its microlens.
+    """
+    bounds = np.array(edges)
+    centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
+    area = (stage.pixel_pitch * stage.aperture_fraction * 1e-6) ** 2 * stage.microlens_gain
+    return quantum_efficiency(stage, edges) * (widths * photons_from_energy(1.0, centres * 1e-3) * area)
+
+
+SEEN_BY = tuple(field.name for field in fields(Sensitive))  # what the colours of a sensor follow from, whatever the size of its pixels
+
+
+@lru_cache(64)
+def shares(seen_by: tuple[Any, ...], files: Any, edges: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+    """(channel, wavelength): electrons per irradiance of a sensor, with a sum of 1 for each channel; 0 where nothing is seen.
+
+    ``seen_by`` are the values of ``SEEN_BY``, ``files`` the state of the files that they name.
+    """
+    bounds = np.array(edges)
+    centres, widths = 0.5 * (bounds[:-1] + bounds[1:]), np.diff(bounds)
+    weights = quantum_efficiency(Sensitive(**dict(zip(SEEN_BY, seen_by, strict=True))), edges)
+    weights = weights * (widths * photons_from_energy(1.0, centres * 1e-3))
+    sums = weights.sum(axis=1, keepdims=True)
+    found = np.divide(weights, sums, out=np.zeros_like(weights), where=sums > 0)
+    return tuple(tuple(map(float, row)) for row in found)

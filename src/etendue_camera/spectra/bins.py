@@ -1,0 +1,176 @@
+"""Means over wavelength bins, and tables from CSV and SPDX files.
+
+In:  the rows of a table (nm, values) and bin edges (n + 1 ascending values, nm).
+Out: plain float64 arrays, one mean per bin.
+
+A bin mean is the exact integral of a piecewise-linear interpolant, divided by the width of the bin, so that
+means over the parts of a bin average back to the mean over the bin. What holds where a table ends: `ends`.
+"""
+
+from collections.abc import Collection, Iterable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from etendue.plugins.discovery import spectrum
+from etendue_camera.spectra.ends import beyond, reach_of
+from etendue_camera.spectra.spdx import ENDING, read_spdx
+
+FloatArray = npt.NDArray[np.float64]
+Edges = Sequence[float] | FloatArray
+Outside = Literal["zero", "hold"]
+
+
+# ------------------------------------------------------------------------------------------------ bin means
+
+
+def checked_edges(edges: Edges) -> tuple[float, ...]:
+    array = np.asarray(edges, dtype=np.float64)
+    if array.ndim != 1 or array.size < 2:
+        raise ValueError(f"edges must be one axis of at least two wavelengths [nm], got shape {array.shape}")
+    if not (np.all(np.isfinite(array)) and array[0] > 0 and np.all(np.diff(array) > 0)):
+        raise ValueError(f"edges must be finite, positive and strictly ascending [nm], got {array}")
+    return tuple(array.tolist())
+
+
+def frozen(array: npt.ArrayLike) -> FloatArray:
+    result = np.array(array, dtype=np.float64)
+    result.setflags(write=False)
+    return result
+
+
+def bin_means(nodes: FloatArray, values: FloatArray, edges: tuple[float, ...], outside: Outside) -> FloatArray:
+    """Exact means of the piecewise-linear curve through (nodes, values) over each bin.
+
+    Every area is a sum of trapezoids inside its own bin: differences of one running integral would lose the
+    small values in the feet of a curve to cancellation.
+    """
+    bounds = np.asarray(edges)
+    grid = np.union1d(nodes, bounds)
+    grid = grid[(grid >= bounds[0]) & (grid <= bounds[-1])]
+    columns = values.reshape(len(nodes), -1)
+    curve = np.stack([np.interp(grid, nodes, column) for column in columns.T], axis=1)
+    areas = 0.5 * (curve[1:] + curve[:-1]) * np.diff(grid)[:, None]
+    if outside == "zero":
+        inside = (grid[:-1] >= nodes[0]) & (grid[1:] <= nodes[-1])
+        areas *= inside[:, None]
+    sums = np.add.reduceat(areas, np.searchsorted(grid, bounds[:-1]), axis=0)
+    return (sums / np.diff(bounds)[:, None]).reshape((len(edges) - 1, *values.shape[1:]))
+
+
+def with_reach(rows: FloatArray, nodes: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve continued with its end values as far as the rows of its table reach (`ends.reach_of`)."""
+    first, last = reach_of(rows)
+    return np.concatenate([[first], nodes, [last]]), np.concatenate([values[:1], values, values[-1:]])
+
+
+# -------------------------------------------------------------------------------------------------- CSV files
+
+
+def table_from_csv(
+    path: str | Path, edges: Edges, columns: Iterable[str] | None = None, outside: Outside = "zero"
+) -> tuple[list[str], FloatArray]:
+    """Bin means of a table in a CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Header ``wavelength_nm,a,b,...``, then at least two rows of numbers with ascending wavelengths, in any
+        spacing. ``#`` starts a comment; empty lines are skipped; UTF-8. Or an SPDX file: one column (`spdx`).
+    edges : (n + 1,) ascending, nm
+    columns : names, optional
+        Which columns, in which order. All of them by default.
+    outside : {"zero", "hold"}
+        What holds farther out than half a step from the end rows, which stand for that much: 0, or the end value.
+
+    Returns
+    -------
+    names : list of k str
+    means : (n, k) array in the units of the file
+
+    Raises
+    ------
+    ValueError
+        A broken file, naming file and line, or a column it does not have.
+    """
+    checked = checked_edges(edges)
+    names, nodes, values = _read_csv(Path(spectrum(str(path)) or path))
+    wanted = names if columns is None else list(columns)
+    for name in wanted:
+        require_name(name, names, f"column of {path}:")
+    chosen = values[:, [names.index(name) for name in wanted]]
+    return wanted, bin_means(*with_reach(nodes, nodes, chosen), checked, outside)
+
+
+def csv_rows(path: str | Path) -> tuple[list[str], FloatArray, FloatArray]:
+    """Names of the columns (k), wavelengths (rows,) in nm and values (rows, k) of a table, as `table_from_csv` reads them.
+
+    The name under which a distribution brings a table is as good as its path.
+    """
+    return _read_csv(Path(spectrum(str(path)) or path))
+
+
+def require_rows(path: str | Path, edges: Edges) -> None:
+    """Refuse a table whose rows do not stand for all of these wavelengths (`ends.beyond`), where neither 0 nor an end value would do."""
+    rows, bounds = csv_rows(path)[1], checked_edges(edges)
+    if max(beyond(rows, bounds[0], bounds[-1])) > 1e-9:
+        raise ValueError(
+            f"{path} has rows from {rows[0]:g} to {rows[-1]:g} nm, but the light reaches from {bounds[0]:g} to {bounds[-1]:g} nm; "
+            "add rows, or narrow the scene's wavelengths"
+        )
+
+
+def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
+    if path.suffix == ENDING:
+        return read_spdx(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a UTF-8 text file ({error.reason} at byte {error.start})") from error
+    numbered = enumerate(text.splitlines(), start=1)
+    stripped = ((number, line.partition("#")[0].strip()) for number, line in numbered)
+    lines = [(number, [cell.strip() for cell in line.split(",")]) for number, line in stripped if line]
+    if not lines:
+        raise ValueError(f"{path}: no header; expected 'wavelength_nm,a,b,...'")
+    first, header = lines[0]
+    names = header[1:]
+    if header[0] != "wavelength_nm" or not names or not all(names) or len(set(names)) < len(names):
+        raise ValueError(f"{path}, line {first}: header {','.join(header)!r}; expected 'wavelength_nm,a,b,...' with distinct names")
+    rows = [_csv_row(path, number, cells, header) for number, cells in lines[1:]]
+    if len(rows) < 2:
+        raise ValueError(f"{path}: {len(rows)} rows of numbers; at least two are needed")
+    table = np.array(rows)
+    for (number, _), before, after in zip(lines[2:], table[:-1, 0], table[1:, 0], strict=True):
+        if not after > before:
+            raise ValueError(f"{path}, line {number}: wavelength {after:g} nm does not ascend from {before:g} nm")
+    return names, table[:, 0], table[:, 1:]
+
+
+def _csv_row(path: Path, number: int, cells: list[str], header: list[str]) -> list[float]:
+    if len(cells) != len(header):
+        raise ValueError(f"{path}, line {number}: {len(cells)} cells, but the header has {len(header)}")
+    values = []
+    for cell, name in zip(cells, header, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise ValueError(f"{path}, line {number}: {cell!r} in column {name!r} is not a finite number")
+        values.append(value)
+    return values
+
+
+def require_name(name: str, names: Collection[str], kind: str, besides: str = "") -> None:
+    """Refuse a name that is none of these: with the nearest ones."""
+    if name in list(names):  # a list, because colour's key views also match other spellings
+        return
+    spelled = {candidate.casefold(): candidate for candidate in names}
+    nearest = [spelled[n] for n in get_close_matches(str(name).casefold(), spelled, n=5, cutoff=0.4)]
+    shown = nearest or sorted(names)[:12]
+    label = "nearest names" if nearest else "known names"
+    tail = f"; also {besides}" if besides else ""
+    raise ValueError(f"unknown {kind} {name!r}; {label}: {', '.join(map(repr, shown))}{tail}")

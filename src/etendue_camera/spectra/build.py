@@ -1,0 +1,23 @@
+"""Make the tables that are shipped: ``python -m etendue_camera.spectra.build``.
+
+In:  the colour-science that is installed.
+Out: ``data/spectra.npz``, its version and digest on stdout.
+"""
+
+from importlib.resources import files
+from pathlib import Path
+
+from etendue_camera.spectra import shipped
+
+
+def main() -> None:
+    found = shipped.made()
+    data = shipped.packed(found)
+    place = Path(str(files("etendue_camera") / "data" / "spectra.npz"))
+    place.write_bytes(data)
+    tables = sum(len(array) for name, array in found.items() if name.endswith("/names"))
+    print(f"{place.name}: {tables} tables of colour-science {found[shipped.VERSION]}, {len(data)} bytes, digest {shipped.digest_of(data)}")
+
+
+if __name__ == "__main__":
+    main()

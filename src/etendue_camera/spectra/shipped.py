@@ -1,0 +1,124 @@
+"""The tables of colour-science as they are shipped, so that no run waits seconds for its import.
+
+In:  kind and name of a table.
+Out: plain read-only float64 arrays, the same to the last bit as the library's own.
+
+``data/spectra.npz`` holds them, made by ``python -m etendue_camera.spectra.build`` from the version of colour-science that is written in
+it; a test holds every one equal to the library. Where another version is installed its own tables are taken: from the library once, then
+from the user's folder for caches. A name that is not among them is asked of the library itself.
+"""
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Iterator
+from functools import lru_cache
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue import cache
+from etendue_camera.spectra import authority
+from etendue_camera.spectra.bins import FloatArray
+
+VERSION = "colour-science"  # under this name the file holds the version it was made from
+Arrays = dict[str, np.ndarray[Any, Any]]
+
+
+@lru_cache(maxsize=1)
+def arrays() -> Arrays:
+    """Everything that is shipped, of the version of colour-science that is installed."""
+    data = (files("etendue_camera") / "data" / "spectra.npz").read_bytes()
+    found = unpacked(data)
+    version = authority.colour_version()
+    if str(found[VERSION]) == version:
+        return found
+    key = f"{version} {digest_of(data + Path(authority.__file__).read_bytes())}"  # and of the code that would find them anew
+    kept = cache.read("spectra", key)
+    if kept is not None:
+        try:
+            return unpacked(kept)
+        except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile):
+            pass  # damaged: found again
+    found = made()
+    cache.write("spectra", key, packed(found))
+    return found
+
+
+def made() -> Arrays:
+    """Everything anew, from the library that is installed."""
+    return {VERSION: np.array(authority.colour_version()), **authority.everything()}
+
+
+def packed(found: Arrays) -> bytes:
+    """As an uncompressed ``.npz``: the same bytes for the same arrays."""
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **found)  # type: ignore[arg-type]
+    return file.getvalue()
+
+
+def unpacked(data: bytes) -> Arrays:
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        found = {name: file[name] for name in file.files}
+    for array in found.values():
+        array.setflags(write=False)
+    return found
+
+
+def digest_of(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=16).hexdigest()
+
+
+# ------------------------------------------------------------------------------------------------------ parts
+
+
+@lru_cache(maxsize=16)
+def _places(kind: str) -> dict[str, Any]:
+    """Name to row, or to the slice of rows, of a kind."""
+    names = arrays()[f"{kind}/names"].tolist()
+    if f"{kind}/sizes" not in arrays():
+        return {name: place for place, name in enumerate(names)}
+    ends = np.concatenate([[0], np.cumsum(arrays()[f"{kind}/sizes"])]).tolist()
+    return {name: slice(*two) for name, two in zip(names, pairwise(ends), strict=True)}
+
+
+def names(kind: str) -> Iterator[str]:
+    yield from _places(kind)
+
+
+def curve(kind: str, name: str, besides: str = "") -> tuple[FloatArray, FloatArray]:
+    """Wavelengths (rows,) in nm and values of a table: (rows,) of lights and reflectances, (rows, k) of what has channels.
+
+    Kinds: illuminant, camera and display as they are tabulated; smooth camera, observer, patch and basis at 1 nm.
+
+    Raises
+    ------
+    ValueError
+        An unknown name, with the nearest ones.
+    """
+    place = _places(kind).get(name)
+    rows = arrays()[f"{kind}/rows"][place] if place is not None else authority.rows(kind, name, besides)
+    return rows[:, 0], rows[:, 1] if rows.shape[1] == 2 else rows[:, 1:]
+
+
+def space(name: str) -> dict[str, Any]:
+    """An RGB space, as `authority.space_of` gives it; unknown names raise ValueError."""
+    place = _places("space").get(name)
+    if place is None:
+        return authority.space_of(name)
+    return {word: arrays()[f"space/{word}"][place] for word in ("matrix", "primaries", "white", "white_name")}
+
+
+def white(name: str) -> FloatArray | None:
+    """Chromaticity (2,) of an illuminant as published (1931 observer); None of a light that has none."""
+    place = _places("white").get(name)
+    return None if place is None else arrays()["white/xy"][place]
+
+
+def adaptation(name: str) -> FloatArray:
+    """XYZ to sharpened cone responses, (3, 3); unknown names raise ValueError."""
+    place = _places("adaptation").get(name)
+    return authority.adaptation_of(name) if place is None else arrays()["adaptation/matrix"][place]

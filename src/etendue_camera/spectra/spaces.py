@@ -1,0 +1,59 @@
+"""RGB spaces, whites and adaptation transforms of colour-science.
+
+In:  a name.
+Out: matrices and chromaticities, read-only float64; ValueError for an unknown name.
+"""
+
+from etendue_camera.spectra import shipped
+from etendue_camera.spectra.bins import FloatArray, frozen
+
+
+def rgb_space_matrix(name: str) -> tuple[FloatArray, FloatArray]:
+    """RGB to XYZ matrix (3, 3) and white point xy (2,) of a space in ``colour.RGB_COLOURSPACES``.
+
+    The matrix is the one the standard prints, so for "sRGB" it has four digits. Unknown names raise
+    ValueError.
+    """
+    space = shipped.space(name)
+    return frozen(space["matrix"]), frozen(space["white"])
+
+
+def rgb_space_primaries(name: str) -> tuple[tuple[tuple[float, float], ...], tuple[float, float]]:
+    """Chromaticities xy of red, green, blue, and of the white, of a space in ``colour.RGB_COLOURSPACES``.
+
+    Unknown names raise ValueError.
+    """
+    space = shipped.space(name)
+    primaries = tuple((float(x), float(y)) for x, y in space["primaries"])
+    return primaries, (float(space["white"][0]), float(space["white"][1]))
+
+
+def rgb_space_white(name: str) -> str:
+    """Name of the illuminant that is the white of a space in ``colour.RGB_COLOURSPACES``; the space's own name where it is of no other.
+
+    A white counts as an illuminant's where its chromaticity is the published one.
+    """
+    space = shipped.space(name)
+    published = _published_white(str(space["white_name"]))
+    own = (float(space["white"][0]), float(space["white"][1]))
+    return str(space["white_name"]) if published == own else name
+
+
+def white_chromaticity(name: str) -> tuple[float, float] | None:
+    """xy of the white of an RGB space, or of an illuminant as published (CIE 15, 1931 observer); None of a light that has none."""
+    if name in list(shipped.names("space")):
+        return rgb_space_primaries(name)[1]
+    return _published_white(name)
+
+
+def _published_white(name: str) -> tuple[float, float] | None:
+    found = shipped.white(name)
+    return None if found is None else (float(found[0]), float(found[1]))
+
+
+def adaptation_matrix(name: str) -> FloatArray:
+    """XYZ to sharpened cone responses, (3, 3), by name: "Von Kries", "Bradford", "CAT02", "CAT16", ...
+
+    Any name in ``colour.adaptation.CHROMATIC_ADAPTATION_TRANSFORMS``; others raise ValueError.
+    """
+    return frozen(shipped.adaptation(name))

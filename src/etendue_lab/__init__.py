@@ -1,0 +1,1 @@
+"""Questions about cameras: alternatives ranked, quality, information, losses, noise, measured sensors and photographs."""

@@ -1,0 +1,1 @@
+"""Alternatives ranked: quality against run time."""

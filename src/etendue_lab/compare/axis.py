@@ -1,0 +1,214 @@
+"""What is compared: one axis of a pipeline, and what may stand on it.
+
+In:  ``demosaic.use``, ``demosaic.use=a,b,{ use = "c", iterations = 5 }`` or ``sharpen.strength=0,0.1``; a pipeline.
+Out: the axis with its values, or the installed alternatives of a stage; faults that name the nearest word.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import Any
+
+from etendue.contract import quantities as camera
+from etendue.contract.capabilities import Probe
+from etendue.contract.registry import Registry
+from etendue.contract.roles import REFERENCE
+from etendue.contract.stage import reads_of
+from etendue.errors import Fault, PluginError, RequestError, nearest
+from etendue.pipeline.file import Pipeline
+from etendue.pipeline.overrides import axis_name
+from etendue.pipeline.presets import preset
+from etendue.plan.alternatives import unlike
+from etendue.plan.model import Node
+from etendue.plan.sensors import SENSOR
+
+
+@dataclass(frozen=True)
+class Asked:
+    """``values`` None: whatever is installed."""
+
+    key: str
+    values: tuple[Any, ...] | dict[str, Any] | None
+
+    @property
+    def stage(self) -> str:
+        """Name of the stage, '' where a camera quantity is the axis."""
+        return self.key.rpartition(".")[0]
+
+    @property
+    def named(self) -> bool:
+        """Whether its values are names, of stages or sensors."""
+        return self.swaps or self.key == SENSOR
+
+    @property
+    def swaps(self) -> bool:
+        return self.key.endswith(".use")
+
+
+def parse_axis(text: str, value_of: Callable[[str], Any]) -> Asked:
+    """``NAME`` or ``NAME=V,V,..``; commas inside brackets, braces and quotes do not separate."""
+    key, equals, rest = text.partition("=")
+    key = key.strip()
+    if not key or (equals and not rest.strip()):
+        raise RequestError([Fault(f"--axis {text}", "expected NAME or NAME=VALUE,VALUE,.. such as demosaic.use")])
+    if not equals:
+        return Asked(key, None)
+    parts = _split(rest)
+    values = tuple(value_of(part) for part in parts)
+    for part, value in zip(parts, values, strict=True):
+        if part.startswith(("{", "[")) and isinstance(value, str):
+            raise RequestError([Fault(f"--axis {key}", f'{part} is no TOML; a table is written {{ use = "NAME", iterations = 5 }}')])
+    if len(values) == 1 and isinstance(values[0], list):
+        return Asked(key, tuple(values[0]))
+    if len(values) == 1 and isinstance(values[0], dict) and "from" in values[0]:
+        return Asked(key, values[0])
+    return Asked(key, values)
+
+
+def labels_of(values: Sequence[Any], units: str) -> list[str]:
+    """What is written beside each of some values of a parameter: as they were given, with the unit, no two alike."""
+    unit = "" if units in ("", "1") else f" {units}"
+    labels: list[str] = []
+    for value in values:
+        if isinstance(value, str):
+            number = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*?)\s*", value)
+            text = f"{number[1]} {number[2]}" if number and number[2] else f"{number[1]}{unit}" if number else value
+        elif isinstance(value, bool):
+            text = str(value).lower()
+        elif isinstance(value, float):
+            text = f"{value:.12g}{unit}"  # as exact as an axis is
+        else:
+            text = f"{value}{unit}" if isinstance(value, int | Decimal) else str(value)
+        labels.append(text if text not in labels else f"{text} ({len(labels) + 1})")
+    return labels
+
+
+def _split(text: str) -> list[str]:
+    parts, depth, quote, start = [], 0, "", 0
+    for place, letter in enumerate(text):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter in "[{":
+            depth += 1
+        elif letter in "]}":
+            depth -= 1
+        elif letter == "," and depth == 0:
+            parts.append(text[start:place])
+            start = place + 1
+    return [part.strip() for part in (*parts, text[start:])]
+
+
+def check_axis(asked: Asked, pipeline: Pipeline) -> Asked:
+    """The axis by its name, and what can be said of it without planning: the stage is there, and there are values where they are needed."""
+    names = [entry.name for entry in pipeline.stages]
+    place = f"--axis {asked.key}"
+    asked = replace(asked, key=axis_name(asked.key, pipeline.document()))
+    if not asked.stage and asked.key in names and asked.values is None:
+        raise RequestError([Fault(place, f"{asked.key} is a stage: its alternatives are {asked.key}.use")], pipeline.file)
+    if asked.stage and asked.stage not in names:
+        uses = {entry.use: entry.name for entry in pipeline.stages}
+        hint = f"; {asked.stage} is named {uses[asked.stage]!r} here" if asked.stage in uses else nearest(asked.stage, names)
+        raise RequestError([Fault(place, f"there is no stage named {asked.stage!r}{hint}")], pipeline.file)
+    if asked.values is None and not asked.swaps and asked.key != SENSOR:
+        known = "" if asked.stage or asked.key in camera.names() else nearest(asked.key, [*camera.names(), *(f"{n}.use" for n in names)])
+        raise RequestError([Fault(place, f"needs values: --axis {asked.key}=VALUE,VALUE,..{known}")], pipeline.file)
+    return asked
+
+
+def check_writes(asked: Asked, node: Node, registry: Registry) -> None:
+    """Alternatives that are named write what the stage of the file writes."""
+    faults = []
+    for value in asked.values if asked.swaps and isinstance(asked.values, tuple) else ():
+        use = value.get("use") if isinstance(value, dict) else value
+        if not isinstance(use, str) or use not in registry:
+            continue  # a fault that the planner names
+        try:
+            texts = unlike((use, registry.load(use)), (node.alternatives[0].use, node.kind))
+        except PluginError as error:
+            texts = [str(error)]
+        faults += [Fault(f"--axis {asked.key}", text) for text in texts]
+    if faults:
+        raise RequestError(faults)
+
+
+def candidates(node: Node, registry: Registry) -> tuple[list[str], list[str]]:
+    """Installed stages that write what a stage writes and read no more than it does; and what could not be looked at.
+
+    Transfer functions of earlier stages may always be read. The stage itself comes first. Those that say that they serve another
+    role (``Stage.role``) and those that only stand in references are none.
+    """
+    own = node.alternatives[0]
+    reads = {str(d) for d in reads_of(own.kind).values() if not d.optional}
+    chosen, broken = [own.use], []
+    for name in registry.names():
+        if name == own.use:
+            continue
+        try:
+            kind = registry.load(name)
+        except PluginError as error:
+            broken.append(str(error))
+            continue
+        needed = {str(d) for d in reads_of(kind).values() if not d.variable.startswith("*.")}
+        fits = not unlike((name, kind), (own.use, own.kind)) and needed <= reads and (needed or not reads)
+        same = kind.role == own.kind.role or (kind.role != REFERENCE and not (kind.role and own.kind.role))
+        if fits and same and not issubclass(kind, Probe):
+            chosen.append(name)
+    return chosen, broken
+
+
+def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
+    """The camera alone, and what of it the sweep of its file would have changed.
+
+    Where the file gives a value beside the sweep (under ``[camera]``, by the sensor, in the stage's own table) it holds; where it gives
+    none, the first value of the sweep does.
+    """
+    at: dict[str, Any] = {}
+    if SENSOR in pipeline.sweep:
+        at[SENSOR], pipeline = _of_one_sensor(pipeline)
+    camera, entries = dict(pipeline.camera), {e.name: e for e in pipeline.stages}
+    for key, written in pipeline.sweep.items():
+        stage, _, name = key.rpartition(".")
+        own = own_value(pipeline, key)
+        if own is not None:
+            at[key] = own
+            continue
+        value = (
+            written.get("from") if isinstance(written, Mapping) else written[0] if isinstance(written, list | tuple) and written else None
+        )
+        if value is None:
+            continue  # a fault, which the planner reports
+        at[key] = value
+        if not stage:
+            camera[name] = value
+        elif stage in entries:
+            entries[stage] = replace(entries[stage], values={**entries[stage].values, name: value})
+    return replace(pipeline, camera=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at
+
+
+def _of_one_sensor(pipeline: Pipeline) -> tuple[str, Pipeline]:
+    """A pipeline with the sensor that its camera names, or else the first of its sweep; and what that is called."""
+    written, rest = pipeline.sweep[SENSOR], {key: value for key, value in pipeline.sweep.items() if key != SENSOR}
+    alone = replace(pipeline, sweep=rest)
+    if pipeline.sensor or not isinstance(written, list | tuple) or not written:
+        return pipeline.sensor, alone
+    table = {SENSOR: written[0]} if isinstance(written[0], str) else written[0]
+    if not isinstance(table, Mapping):
+        return "", pipeline  # a fault, which the planner reports
+    own = {name: value for name, value in table.items() if name not in (SENSOR, "label")}
+    name = str(table.get(SENSOR, ""))
+    alone = replace(alone, sensor=name, preset=preset(name).values() if name else {}, camera={**pipeline.camera, **own})
+    return str(table.get("label", name)), alone
+
+
+def own_value(pipeline: Pipeline, key: str) -> Any:
+    """What a file gives for an axis beside its sweep, as written; None where it gives nothing."""
+    stage, _, name = key.rpartition(".")
+    if not stage:
+        return pipeline.sensor or None if key == SENSOR else pipeline.camera.get(name, pipeline.preset.get(name))
+    entry = next((e for e in pipeline.stages if e.name == stage), None)
+    return None if entry is None else entry.use if name == "use" else entry.values.get(name)

@@ -1,0 +1,247 @@
+"""A pipeline with a reference beside it: the same light, noise-free and at every pixel, through the same later stages.
+
+In:  a pipeline without a sweep, the nodes it becomes, the stage that is compared.
+Out: the pipeline with the reference's stages behind its own, and what is to be measured against what.
+
+The reference branches off at ``photon_rate`` and has every channel at every pixel: no mask, an ideal exposure, no demosaicing, and
+each stage behind that is there twice. In front of the demosaicer full planes are a mosaic run plane by plane: what corrects the mosaic
+corrects them too, each plane as the mosaic of a sensor with one filter. What moves charge behind the mask is replaced by a stage of the
+same role on ``photon_rate``. Both branches read one and the same light, white and colour matrix, computed once. Where the compared
+stage stands in both branches, its axis reaches the reference's stage too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from etendue.contract.registry import Registry
+from etendue.contract.roles import REFERENCE, RESTORING
+from etendue.contract.stage import parameters_of, quantities_of, reads_of
+from etendue.errors import PluginError, RequestError
+from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.plan import asking
+from etendue.plan.graph import Graph, build_graph
+from etendue.plan.model import Node
+from etendue.plan.quantities import to_be_found
+from etendue_camera.sensor import cfa
+from etendue_lab.compare import installed
+
+CAMERA, TRISTIMULUS = "rgb_camera", "xyz_scene"
+LIGHT, CHARGE, MOSAIC = "photon_rate", "photocurrent", "mosaic_linear"
+PLANE = (MOSAIC, "clipping_level")  # what a plane has of its own: its values, and where they are clipped
+PICTURES = (CAMERA, TRISTIMULUS, "rgb_linear", "xyz_display", "rgb_display")
+Place = tuple[str, str]  # stage and variable
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A variable of the pipeline, and the same of the reference."""
+
+    ours: Place
+    reference: Place
+
+
+@dataclass(frozen=True)
+class Branched:
+    """What is measured where."""
+
+    pipeline: Pipeline
+    nodes: tuple[Node, ...]  # of the pipeline alone
+    linear: Pair  # where the alternatives give their result
+    display: Pair | None  # the encoded picture
+    colour: Pair | None  # tristimulus values behind the balance
+    without: str  # the compared stage, where the reference does without it
+    counterpart: str  # what stands for the compared stage in the reference; '' where the two branches share it, or nothing does
+    notes: tuple[str, ...]
+
+    def axes(self, key: str, values: Any) -> dict[str, Any]:
+        """The lines of a sweep that give an axis to both branches. Nothing depends on more than one of them."""
+        name = key.rpartition(".")[2]
+        return {key: values} | ({f"{self.counterpart}.{name}": values} if self.counterpart else {})
+
+    def places(self) -> tuple[Place, ...]:
+        pairs = [pair for pair in (self.linear, self.display, self.colour) if pair]
+        return tuple(dict.fromkeys(place for pair in pairs for place in (pair.ours, pair.reference)))
+
+
+def nodes_of(pipeline: Pipeline, registry: Registry) -> tuple[Node, ...]:
+    """The stages of a pipeline as the planner binds them; raises with every fault of the file."""
+    return graph_of(pipeline, registry).nodes
+
+
+def graph_of(pipeline: Pipeline, registry: Registry) -> Graph:
+    """The checked pipeline, its faults at their lines."""
+    try:
+        return build_graph(pipeline, registry)
+    except RequestError as error:
+        raise RequestError(pipeline.located(error.faults), pipeline.file) from None
+
+
+def writer(nodes: tuple[Node, ...], variable: str) -> Node | None:
+    """The last stage that writes a variable."""
+    return next((node for node in reversed(nodes) if variable in node.writes and not node.is_probe), None)
+
+
+def makes(nodes: tuple[Node, ...], variable: str) -> Node | None:
+    """The last stage that writes a variable without reading it."""
+    return next((n for n in reversed(nodes) if variable in n.writes and variable not in _read(n)), None)
+
+
+def _read(node: Node) -> set[str]:
+    return {variable for _, _, variable in node.inputs[0]}
+
+
+def noise_free(pipeline: Pipeline, nodes: tuple[Node, ...], registry: Registry) -> Pipeline:
+    """Expected values: what makes ``mosaic_linear`` is replaced, and with it all that stands before it up to the mosaic."""
+    linear = makes(nodes, MOSAIC)
+    if linear is None or writer(nodes, CHARGE) is None or linear.kind.role == REFERENCE:
+        return pipeline
+    use = installed.reference(registry, CHARGE, MOSAIC, ("y", "x"))
+    entries = (StageEntry(e.name, use, {}, {}, e.place) if e.name == linear.name else e for e in pipeline.stages)
+    return replace(pipeline, stages=tuple(entries))
+
+
+def with_reference(pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> Branched:
+    """Add the reference's stages, where ``key`` is the axis that is compared.
+
+    Raises
+    ------
+    RequestError
+        The pipeline has no ``photon_rate``, or nothing makes ``rgb_camera`` of it.
+    """
+    demosaic, light = makes(nodes, CAMERA), writer(nodes, LIGHT)
+    if demosaic is None or light is None:
+        lacking = LIGHT if light is None else CAMERA
+        raise RequestError(f"no stage writes {lacking}: the reference needs a pixel stage, and a demosaicer to stand for", pipeline.file)
+    made = Reference(pipeline, nodes, key, registry)
+    made.planes(light, demosaic)
+    made.behind(demosaic)
+    twin, compared = made.twin, key.rpartition(".")[0]
+
+    def pair(node: Node | None, variable: str) -> Pair | None:
+        return Pair((node.name, variable), (twin[node.name], variable)) if node is not None and node.name in twin else None
+
+    at = next((n for n in nodes if n.name == compared and n.name in twin), None)
+    own = next((v for v in PICTURES if at is not None and v in at.writes), None)
+    if at is not None and own == CAMERA and made.without:
+        linear = Pair((at.name, CAMERA), (twin[at.name], CAMERA))
+    else:
+        last = pair(at, own) if own else pair(writer(nodes, CAMERA), CAMERA)
+        assert last is not None  # the demosaicer writes rgb_camera, and has a twin
+        linear = last
+    branched = replace(pipeline, stages=(*pipeline.stages, *made.added))
+    display, colour = (pair(writer(nodes, variable), variable) for variable in ("rgb_display", TRISTIMULUS))
+    return Branched(branched, nodes, linear, display, colour, made.without, made.counterpart, tuple(made.notes))
+
+
+class Reference:
+    """The stages of a reference while they are put together."""
+
+    def __init__(self, pipeline: Pipeline, nodes: tuple[Node, ...], key: str, registry: Registry) -> None:
+        self.pipeline, self.nodes, self.key, self.registry = pipeline, nodes, key, registry
+        self.compared, _, self.parameter = key.rpartition(".")
+        self.entries = {entry.name: entry for entry in pipeline.stages}
+        self.added: list[StageEntry] = []
+        self.stands: dict[str, str] = {}  # what works behind the mask -> what stands for it in front of it
+        self.twin: dict[str, str] = {}  # from the demosaicer on
+        self.without, self.counterpart = "", ""
+        self.notes: list[str] = []
+
+    def add(self, node: Node, use: str, origin: Mapping[str, str]) -> str:
+        """A stage of the reference, with those parameters of the stage that it stands for which it has too."""
+        own = parameters_of(self.registry.load(use))
+        values = {k: v for k, v in self.entries[node.name].values.items() if k in own}
+        return self.put(f"reference_{node.name}", use, origin, values)
+
+    def put(self, name: str, use: str, origin: Mapping[str, str], values: Mapping[str, Any]) -> str:
+        while name in self.entries or name in [entry.name for entry in self.added]:
+            name += "_"
+        self.added.append(StageEntry(name, use, dict(values), dict(origin), f"the reference's {name}"))
+        return name
+
+    def follow(self, node: Node, use: str, name: str) -> None:
+        """Where a stage is compared, the axis reaches what stands for it, if that has the parameter too."""
+        if node.name == self.compared and self.parameter in parameters_of(self.registry.load(use)):
+            self.counterpart = name
+        elif node.name == self.compared:
+            self.notes.append(f"in the reference stands {use} as the file says, whatever the value of {self.key}")
+
+    def planes(self, light: Node, demosaic: Node, needless: Collection[str] = ()) -> None:
+        """From the light to camera channels: every channel at every pixel, corrected plane by plane, but for what is named as needless."""
+        before = self.nodes[: self.nodes.index(demosaic)]
+        source = light.name
+        for node in before[self.nodes.index(light) :]:
+            use = installed.serving(self.registry, node.kind.role, LIGHT, LIGHT) if node.kind.role and _changes(node, CHARGE) else ""
+            if use:
+                source, self.stands[node.name] = self.add(node, use, {LIGHT: source}), use
+                self.follow(node, use, source)
+        no_mask = installed.reference(self.registry, LIGHT, CHARGE, ("channel", "y", "x"))
+        source = self.put("reference_planes", no_mask, {LIGHT: source}, {})
+        ideal = installed.reference(self.registry, CHARGE, MOSAIC, ("y", "x"))
+        found = {name: n.name for n in before for name in quantities_of(self.registry.load(ideal)) if name in n.writes}
+        source = self.put("reference_exposure", ideal, {CHARGE: source, **found}, {"clip": False})
+        linear = makes(before, MOSAIC)
+        at = {(linear.name, variable): source for variable in PLANE if variable in linear.writes} if linear else {}
+        for node in before:
+            if not _changes(node, MOSAIC):
+                continue
+            why = "" if node.name in needless else self.why_not(node, light)
+            if not why and node.name not in needless:
+                bound = {port: at.get((s, v), s) for port, s, v in node.inputs[0]}
+                source = self.add(node, node.alternatives[0].use, bound)
+                self.follow(node, node.alternatives[0].use, source)
+                at |= {(node.name, variable): source for variable in PLANE if variable in node.writes}
+                continue
+            self.without = node.name if node.name == self.compared else self.without
+            self.notes += [f"the reference does without {node.name}, {why}"] if why else []
+            at |= {(node.name, v): at[s, v] for _, s, v in node.inputs[0] if v in node.writes and (s, v) in at}
+        end = installed.reference(self.registry, MOSAIC, CAMERA, ("channel", "y", "x"))
+        self.twin[demosaic.name] = self.put("reference", end, {MOSAIC: source}, {})
+
+    def why_not(self, node: Node, light: Node) -> str:
+        """Why a correction of the mosaic cannot be run plane by plane; '' where it can."""
+        if node.name == self.compared and node.kind.role in RESTORING:
+            return "which is compared with what needed none"
+        behind = [n for n in self.nodes[self.nodes.index(light) :] if n is not light]
+        maps = [v for _, s, v in node.inputs[0] if v != MOSAIC for n in behind if n.name == s and {"y", "x"} <= set(n.writes[v].dims)]
+        if maps:
+            return f"which reads {maps[0]}, a picture of the mosaic"
+        one, graph = node.alternatives[0], graph_of(self.pipeline, self.registry)
+        along = [name for name, p in quantities_of(one.kind).items() if p.along == "channel"]
+        values = {name: graph.camera.get(name) for name in quantities_of(one.kind)} | dict(one.values)
+        values |= {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found}
+        for channel in cfa.read(str(graph.camera["pattern"])).channels if along else ():
+            try:
+                asking.made(one.kind, values | dict.fromkeys(along, channel))
+            except (ValueError, PluginError) as error:
+                return f"which cannot be run plane by plane: {error}"
+        return ""
+
+    def behind(self, demosaic: Node) -> None:
+        """Every stage that works on what the demosaicer gave, once more."""
+        for node in self.nodes[self.nodes.index(demosaic) + 1 :]:
+            if node.is_probe or not any(s in self.twin for _, s, _ in node.inputs[0]):
+                continue
+            if node.name == self.compared and _restores(node):
+                self.twin[node.name] = next(self.twin[s] for _, s, v in node.inputs[0] if v == CAMERA)
+                self.without = node.name
+                self.notes.append(
+                    f"the reference does without {node.name} and is as blurred as the light on the pixels: what undoes blur counts as an "
+                    "error here. What a restoration gains and costs is in mtf50_gain and noise_gain, where its stage writes them"
+                )
+                continue
+            origin = {port: self.twin.get(s, s) for port, s, _ in node.inputs[0]}
+            self.twin[node.name] = self.add(node, node.alternatives[0].use, origin)
+            self.counterpart = self.twin[node.name] if node.name == self.compared else self.counterpart
+
+
+def _changes(node: Node, variable: str) -> bool:
+    return variable in node.writes and variable in _read(node)
+
+
+def _restores(node: Node) -> bool:
+    """Whether a stage betters camera values and looks at nothing else: the truth it aims at is what it was not needed for."""
+    reads = {d.variable for d in reads_of(node.kind).values() if not d.variable.startswith("*.")}
+    return reads == {CAMERA} and CAMERA in node.writes and node.kind.role in RESTORING

@@ -1,0 +1,192 @@
+"""MTF50 of alternatives: the same camera in front of a slanted edge, noise-free.
+
+In:  a pipeline with its reference, the axis, the plan of its main run.
+Out: for each value of the axis, and for the reference, the frequency of half contrast across the edge, cycles/pixel.
+
+The scene becomes an axis of two values, an edge and an even field of the same light, so that fall-off divides out. What the
+rendering of the edge takes from the contrast is known exactly, and divided out too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.registry import Registry
+from etendue.contract.roles import EdgeScene, FlatScene
+from etendue.contract.stage import parameters_of
+from etendue.errors import EtendueError, RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.model import Node, Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Options, execute
+from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_lab.compare import installed
+from etendue_lab.compare.axis import Asked
+from etendue_lab.compare.branches import CAMERA, Branched, Place, noise_free, writer
+from etendue_lab.compare.figures import BORDER
+
+ANGLE = 5.0  # degrees from the columns
+ROWS, COLUMNS, MARGIN = 120, 96, 12  # pixels; the margin is light around the frame
+DARK, BRIGHT, SATURATED = 0.2, 0.8, 0.7  # contrast 4:1 as in ISO 12233; the bright field is at most so near to clipping
+SAMPLES = 401
+
+
+@dataclass(frozen=True)
+class EdgeFigures:
+    """Frequencies in cycles/pixel; NaN where half contrast is not reached."""
+
+    mtf50: dict[int, float]  # by the position on the axis
+    reference: dict[int, float]
+    note: str = ""
+
+
+def measure(branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options) -> EdgeFigures:
+    """Run the edge and measure it; what stands in the way is a note, not an exception.
+
+    ``white``: the brightest that a white surface becomes at any value of the axis, 1 where pixels saturate; 0: not known.
+    """
+    try:
+        return _measured(branched, plan, asked, values, white, registry, options)
+    except (EtendueError, ValueError) as error:
+        text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
+        return EdgeFigures({}, {}, f"no MTF50: {text}")
+
+
+def _measured(branched: Branched, plan: Plan, asked: Asked, values: Any, white: float, registry: Registry, options: Options) -> EdgeFigures:
+    place, reference = branched.linear.ours, branched.linear.reference
+    if place[1] == "rgb_display":
+        raise ValueError("the stage writes encoded values, on which no transfer function is defined")
+    if any(n.name == asked.stage and n.is_source for n in branched.nodes):
+        raise ValueError("the scene is the axis, and an edge would have to take its place")
+    pipeline, scene, sigma = edge_and_field(branched.pipeline, branched.nodes, plan, white, registry)
+    pipeline = replace(pipeline, sweep={**pipeline.sweep, **branched.axes(asked.key, values)})
+    wanted = tuple(f"{s}.{v}" for s, v in (place, reference))
+    matrix = writer(branched.nodes, "colour_matrix"), writer(branched.nodes, "white")
+    if place[1] == CAMERA and all(matrix):
+        wanted += (f"{matrix[0].name}.colour_matrix", f"{matrix[1].name}.white")  # type: ignore[union-attr]
+    made = make_plan(replace(pipeline, wanted=wanted, keep=wanted), registry, False)
+    outcome = execute(made, None, options)
+    if outcome.failed and not any(place[0] == r.stage for r in outcome.failed):
+        raise ValueError(outcome.failed[0].message.strip().rpartition("\n")[2])
+
+    def at(where: Place, which: int, position: int) -> Any:
+        node = made.node(where[0])
+        by_dim = {a.dim: which if a.dim == scene else position for a in made.axes}
+        found = outcome.arrays.get((node.name, tuple(by_dim[dim] for dim in node.axes)), {})
+        return found.get(where[1])
+
+    def mtf50(where: Place, position: int) -> float | None:
+        planes = [at(where, which, position) for which in (0, 1)]
+        if any(p is None for p in planes):
+            return None
+        weights = _luminance(where[1], len(planes[0]), *(at((n.name, v), 1, position) if n else None for n, v in _named(matrix)))
+        edge, flat = (np.tensordot(weights, np.asarray(p, np.float64), 1)[BORDER:-BORDER, BORDER:-BORDER] for p in planes)
+        if not np.all(flat > 0):
+            raise ValueError("the even field of the same light is dark")
+        return crossing(edge / flat, _pixels(sigma, made, position))
+
+    axis = next((a for a in made.axes if a.dim != scene), None)
+    if axis is None:  # nothing of a noise-free camera depends on it
+        both = [dict.fromkeys(range(len(values)), mtf50(where, 0)) for where in (place, reference)]
+    else:
+        both = [{i: mtf50(where, i) for i in range(len(axis.values))} for where in (place, reference)]
+    ours, theirs = ({i: v for i, v in found.items() if v is not None} for found in both)
+    return EdgeFigures(ours, theirs)
+
+
+def _named(matrix: tuple[Any, Any]) -> tuple[tuple[Any, str], ...]:
+    return (matrix[0], "colour_matrix"), (matrix[1], "white")
+
+
+def _luminance(variable: str, channels: int, matrix: Any, white: Any) -> Any:
+    """Weights of the channels: Y where it is known, else the middle channel."""
+    if variable == CAMERA and matrix is not None and white is not None:
+        return np.asarray(matrix, np.float64)[1] / np.asarray(white, np.float64)
+    return np.eye(channels)[min(1, channels - 1)]
+
+
+def _pixels(sigma: float, plan: Plan, position: int) -> float:
+    """Softness of the edge in pixels, where the pitch itself may be the axis."""
+    pitches = pitches_of(plan)
+    return sigma / pitches[position if len(pitches) > 1 else 0]
+
+
+def pitches_of(plan: Plan) -> list[float]:
+    """Every pitch that an axis brings, its own or that of sensors, in order; else that of the camera."""
+    for axis in plan.axes:
+        if axis.key == "pixel_pitch" or "pixel_pitch" in axis.gives:
+            return [float(axis.value("pixel_pitch", position)) for position in range(len(axis.values))]
+    return [float(plan.camera["pixel_pitch"])]
+
+
+def crossing(picture: Any, sigma: float) -> float:
+    """Lowest frequency of half contrast of what made a picture of an edge that was drawn with a Gaussian of ``sigma`` pixels.
+
+    NaN where it is not reached below 1 cycle/pixel. Linear between samples 1/400 cycles/pixel apart: 1e-5 relative.
+    """
+    response = slanted_edge(picture, samples=SAMPLES, tails=False)
+    own = np.exp(-2 * (math.pi * sigma * response.frequency) ** 2)
+    sfr = response.sfr / np.maximum(own, 1e-3)
+    below = np.flatnonzero(sfr < 0.5)
+    if below.size == 0:
+        return math.nan
+    high = int(below[0])
+    share = (sfr[high - 1] - 0.5) / (sfr[high - 1] - sfr[high])
+    return float(response.frequency[high - 1] + share * (response.frequency[high] - response.frequency[high - 1]))
+
+
+def edge_and_field(
+    base: Pipeline, nodes: tuple[Node, ...], plan: Plan, white: float, registry: Registry
+) -> tuple[Pipeline, str, float]:  # fmt: skip
+    """The pipeline with an edge and an even field in place of its scene; the scene's dim; the rms softness of the edge, um."""
+    sources = [n for n in nodes if n.is_source and "radiance" in n.writes]
+    pixel = next((n for n in nodes if n.ends_in_sum), None)
+    if len(sources) != 1 or pixel is None:
+        raise ValueError("there is no single scene to be replaced by an edge")
+    source = sources[0]
+    light = plan.of(source.name)[0].grids["radiance"]
+    pitches = pitches_of(plan)
+    paper = pixel.alternatives[0].values.get("sampling") == "paper"
+    spacing, softness = (min(pitches), 0.5) if paper else (min(pitches) / 4, 1.0)
+    edges = light.bands().edges
+    own = source.alternatives[0].values
+    bright = min(BRIGHT, SATURATED / white) if white > 0 else BRIGHT
+    common = {
+        "white_luminance": 0.0 if own.get("radiance") else own.get("white_luminance") or 1000.0,
+        "radiance": own.get("radiance") or 0.0,
+        "height": spacing * round((ROWS + 2 * MARGIN) * max(pitches) / spacing),
+        "width": spacing * round((COLUMNS + 2 * MARGIN) * max(pitches) / spacing),
+        "spacing": spacing,
+        "wavelength_from": edges[0],
+        "wavelength_to": edges[-1],
+        "bin_width": (edges[-1] - edges[0]) / (len(edges) - 1),
+        "centre_y": own.get("centre_y") or 0.0,
+        "centre_x": own.get("centre_x") or 0.0,
+    }
+    edge, field = (installed.made_for(registry, base) for base in (EdgeScene, FlatScene))
+    scenes = [
+        {
+            "use": edge,
+            "label": "edge",
+            "angle": ANGLE,
+            "low": bright * DARK / BRIGHT,
+            "high": bright,
+            "softness": softness,
+            **common,
+        },
+        {"use": field, "label": "field", "reflectance": bright, **common},
+    ]
+    window = {"rows": ROWS, "columns": COLUMNS}
+    if paper or not set(window) <= set(parameters_of(pixel.kind)):
+        window = {}
+    dropped = ("sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns")
+    pipeline = noise_free(base, nodes, registry)
+    stages = tuple(
+        replace(e, values={**{k: v for k, v in e.values.items() if k not in dropped}, **window}) if e.name == pixel.name and window else e
+        for e in pipeline.stages
+    )
+    return replace(pipeline, stages=stages, sweep={f"{source.name}.use": scenes}), source.name, softness * spacing

@@ -1,0 +1,53 @@
+"""Figures of one picture against its reference.
+
+In:  pairs of arrays (channel, y, x): where the alternatives give their result, encoded, tristimulus.
+Out: PSNR, RMSE, SSIM, CIEDE2000, zipper, false colour; None where there is nothing to measure.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from etendue_camera.colour import difference
+from etendue_camera.quality import artefacts, fidelity
+
+BORDER = 10  # pixels not counted at each side: nothing is known beyond the border
+
+
+def inside(picture: Any, border: int = BORDER) -> Any:
+    """Without its border; as it is where nothing would be left."""
+    rows, columns = picture.shape[-2:]
+    if min(rows, columns) <= 4 * border:
+        return picture
+    return picture[..., border : rows - border, border : columns - border]
+
+
+def linear_figures(picture: Any, reference: Any) -> dict[str, float | None]:
+    """PSNR and RMSE, full scale 1."""
+    found = fidelity.psnr(inside(picture), inside(reference))
+    return {"psnr": found, "rmse": float(10 ** (-found / 20))}
+
+
+def by_its_own_white(picture: Any, reference: Any) -> float | None:
+    """PSNR where the full scale is the brightest value of the reference: what pictures of different exposure can be ranked by."""
+    peak = float(inside(reference).max())
+    return fidelity.psnr(inside(picture), inside(reference), peak) if peak > 0 else None
+
+
+def display_figures(picture: Any, reference: Any) -> dict[str, float | None]:
+    """PSNR and structural similarity of encoded values."""
+    ours, theirs = inside(picture), inside(reference)
+    large = min(ours.shape[-2:]) >= fidelity.WINDOW
+    return {"psnr_encoded": fidelity.psnr(ours, theirs), "ssim": fidelity.ssim(ours, theirs) if large else None}
+
+
+def colour_figures(picture: Any, reference: Any, white: Any) -> dict[str, float | None]:
+    """Mean CIEDE2000, zipper and false colour, of tristimulus values seen by an eye that is adapted to a white."""
+    ours, theirs = (difference.lab(np.asarray(inside(p), np.float64), white) for p in (picture, reference))
+    return {
+        "delta_e": float(difference.delta_e_2000(ours, theirs).mean()),
+        "zipper": artefacts.zipper(ours, theirs),
+        "false_colour": artefacts.false_colour(ours, theirs),
+    }

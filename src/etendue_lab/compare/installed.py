@@ -1,0 +1,52 @@
+"""Stages that a study puts into a pipeline itself, found among the installed ones by what they are, never by name.
+
+In:  a registry; a role with what is read and written, or a typed base.
+Out: the name under which such a stage is installed. Those of the package come first.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from etendue.contract.registry import Registry
+from etendue.contract.roles import REFERENCE
+from etendue.contract.stage import reads_of, writes_of
+from etendue.errors import RequestError
+
+
+def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:
+    """The stage of a role that reads one variable, with these dims where they are given, and writes another; '' if none."""
+
+    def fits(kind: Any) -> bool:
+        read = [d for d in reads_of(kind).values() if d.variable == reads and d.dims == (dims or d.dims)]
+        return bool(kind.role == role and read) and any(d.variable == writes for d in writes_of(kind).values())
+
+    return next(registry.fitting(fits), "")
+
+
+def made_for(registry: Registry, base: type) -> str:
+    """The stage of a base, such as a flat scene.
+
+    Raises
+    ------
+    RequestError
+        None is installed.
+    """
+    name = next(registry.fitting(lambda kind: issubclass(kind, base)), "")
+    if not name:
+        raise RequestError(f"no installed stage is a {base.__name__}: {(base.__doc__ or '').strip()}")
+    return name
+
+
+def reference(registry: Registry, reads: str, writes: str, dims: tuple[str, ...]) -> str:
+    """The stage that only stands in references, by what it reads and writes.
+
+    Raises
+    ------
+    RequestError
+        None is installed.
+    """
+    name = serving(registry, REFERENCE, reads, writes, dims)
+    if not name:
+        raise RequestError(f"no installed stage of the role {REFERENCE!r} makes {writes} of {reads}")
+    return name

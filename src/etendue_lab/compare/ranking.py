@@ -1,0 +1,252 @@
+"""A comparison as files and on the terminal: table, CSV, JSON, plot, crops.
+
+In:  a ``Comparison``.
+Out: rows as plain values; a folder with compare.csv, compare.json, error_against_time.png, crops.png.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from etendue.present.pictures.crops import Strip, strip
+from etendue.present.terminal.terminal import escape
+from etendue.present.terminal.work_precision import Point, work_precision
+from etendue.result_files import finite, write_whole
+from etendue_lab.compare.compared import FIGURES, Row
+from etendue_lab.compare.study import Comparison
+
+PLOT, CROPS = "error_against_time.png", "crops.png"
+MOST_CROPS = 9
+NARROW, WIDE, UNBOUNDED = 112, 150, 200  # columns of a terminal that hold all figures, and the distributions beside them
+UNITS = {
+    "psnr": "dB", "psnr_white": "dB", "psnr_encoded": "dB", "rmse": "1", "ssim": "1", "delta_e": "CIEDE2000", "zipper": "1",
+    "false_colour": "CIELAB", "mtf50": "cycles/pixel", "mtf50_reference": "cycles/pixel", "seconds": "s", "mpixel_per_second": "Mpixel/s",
+    "seconds_per_mpixel": "s/Mpixel", "error": "1",
+}  # fmt: skip
+DISPENSABLE = ("zipper", "false colour")
+
+
+def document(found: Comparison) -> dict[str, Any]:
+    """The comparison as JSON: what is not known is null."""
+    return {
+        "pipeline": found.pipeline,
+        "axis": found.key,
+        "rank_by": found.rank_by,
+        "rows": [row_document(found, number, row) for number, row in enumerate(found.rows, 1)],
+        "reference": {
+            "stage": found.reference[0],
+            "variable": found.reference[1],
+            "without": found.without or None,
+            "of_each_value": found.own_reference,
+        },
+        "measured_at": f"{found.variable[0]}.{found.variable[1]}",
+        "noise": found.noise,
+        "size": list(found.size),
+        "at": {key: _plain(value) for key, value in found.at.items()},
+        "first_of_sweep": list(found.first),
+        "units": UNITS | ({found.key: found.units} if found.units else {}),
+        "notes": found.notes,
+    }
+
+
+def row_document(found: Comparison, number: int, row: Row) -> dict[str, Any]:
+    return {
+        found.key: _plain(row.value),
+        "label": row.label,
+        "rank": number if getattr(row, found.rank_by) is not None else None,
+        "distribution": row.distribution or None,
+        "version": row.version or None,
+        **{name: finite(getattr(row, name)) for name in FIGURES},
+        "pareto": row.pareto,
+        "status": row.status,
+        "reason": row.reason or None,
+    }
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str | int | float | bool) or value is None else str(value)
+
+
+def print_comparison(found: Comparison, files: list[Path]) -> None:
+    """The table, best first, and what there is to say about it."""
+    console = Console(highlight=False, soft_wrap=False)
+    if not console.is_terminal:
+        console.width = max(console.width, UNBOUNDED)
+    height, width = found.size
+    title = f"{escape(found.pipeline)}: {escape(found.key)} by {_ranked_by(found)}, {width} x {height} pixels"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    columns = _columns(found)
+    shown = [c for c in columns if console.width >= NARROW or c.name not in DISPENSABLE]
+    origins = {id(row): f"{row.distribution} {row.version}" for row in found.rows if row.distribution}
+    beside = bool(origins) and console.width >= WIDE
+    table.add_column("", justify="right", no_wrap=True)
+    table.add_column("alternative", overflow="fold")
+    for column in shown:
+        table.add_column(column.name, justify="right", no_wrap=True)
+    if beside:
+        table.add_column("from", no_wrap=True)
+    for number, row in enumerate((r for r in found.rows if r.psnr is not None), 1):
+        end = [origins.get(id(row), "")] if beside else []
+        table.add_row(str(number), escape(row.label), *(c.of(row) for c in shown), *end)
+    ideal = {row.mtf50_reference for row in found.rows} - {None}
+    if len(ideal) == 1:
+        known = {"MTF50": _number(ideal.pop(), ".3f")}
+        table.add_row("", "reference", *(known.get(c.name, "") for c in shown), *([""] if beside else []), style="dim")
+    console.print(table)
+    for word, text in _remarks(found, {} if beside else origins):
+        console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
+    if len(shown) < len(columns):
+        console.print(
+            f"{'more':<10}{', '.join(DISPENSABLE)}: in compare.csv, and here where the terminal is {NARROW} columns wide", soft_wrap=True
+        )
+    for path in files:
+        console.print(f"{'file':<10}{escape(str(path))}", soft_wrap=True)
+
+
+def _ranked_by(found: Comparison) -> str:
+    place = f"{found.variable[0]}.{found.variable[1]}"
+    if found.rank_by == "psnr_encoded":
+        return "PSNR of the encoded picture"
+    return f"PSNR at {place}" + (", full scale the brightest of each reference" if found.rank_by == "psnr_white" else "")
+
+
+class _Column(NamedTuple):
+    name: str
+    of: Callable[[Row], str]
+
+
+def _columns(found: Comparison) -> list[_Column]:
+    columns = [
+        _Column("PSNR", lambda r: _number(r.psnr, ".2f")),
+        *([_Column("own scale", lambda r: _number(r.psnr_white, ".2f"))] if found.rank_by == "psnr_white" else []),
+        _Column("encoded", lambda r: _number(r.psnr_encoded, ".2f")),
+        _Column("dE00", lambda r: _number(r.delta_e, ".2f")),
+        _Column("zipper", lambda r: "-" if r.zipper is None else f"{100 * r.zipper:.1f} %"),
+        _Column("false colour", lambda r: _number(r.false_colour, ".2f")),
+        _Column("MTF50", lambda r: _number(r.mtf50, ".3f")),
+    ]
+    if len({row.mtf50_reference for row in found.rows} - {None}) > 1:
+        columns.append(_Column("ideal", lambda r: _number(r.mtf50_reference, ".3f")))
+    if any(row.seconds is not None for row in found.rows):
+        columns.append(_Column("error", lambda r: _number(r.error, ".2g")))
+        columns.append(_Column("time", lambda r: _milliseconds(r.seconds)))
+        columns.append(_Column("Mpixel/s", lambda r: _number(r.mpixel_per_second, ".1f") + ("*" if r.pareto else " ")))
+    return columns
+
+
+def _remarks(found: Comparison, origins: dict[int, str]) -> list[tuple[str, str]]:
+    """Lines below the table: a word, and what it is about."""
+    lines = []
+    for row in found.rows:
+        if row.status != "done":
+            origin = f" ({row.distribution} {row.version})" if row.distribution else ""
+            lines.append((row.status, f"{row.label}{origin}: {row.reason}"))
+    if origins:
+        by_origin: dict[str, list[str]] = {}
+        for row in found.rows:
+            if id(row) in origins:
+                by_origin.setdefault(origins[id(row)], []).append(row.label)
+        lines += [("from", f"{origin}: {', '.join(labels)}") for origin, labels in by_origin.items()]
+    without = f", which does without {found.without}" if found.without else ""
+    each = "; each value has its own" if found.own_reference else ""
+    lines.append(("reference", f"noise-free full planes of the same pixels, through the same later stages{without}{each}"))
+    if found.own_reference:
+        lines.append(("rank", f"by {_ranked_by(found)}: on one linear scale, references of different light cannot be held side by side"))
+    lines.append(("PSNR", "dB, full scale 1; encoded, dE00 (CIEDE2000), zipper, false colour: of the finished picture"))
+    lines.append(("MTF50", "cycles/pixel across a slanted edge, noise-free; ideal: that of the reference"))
+    if any(row.seconds is not None for row in found.rows):
+        lines.append(("error", "rms, full scale 1, of what the rows are ranked by; against time in error_against_time.png"))
+        lines.append(("time", "of the stage alone, one thread; * nothing better is as fast"))
+    lines.append(("noise", found.noise))
+    for keys, text in (
+        ([k for k in found.at if k not in found.first], "as the file gives it beside its sweep"),
+        (found.first, "the first of the file's sweep"),
+    ):
+        if keys:
+            lines.append(("at", f"{', '.join(f'{k} = {_plain(found.at[k])}' for k in keys)}: {text}"))
+    return lines + [("note", text) for text in found.notes]
+
+
+def _number(value: float | None, form: str) -> str:
+    if value is None or math.isnan(value):
+        return "-"
+    return format(value, form)
+
+
+def _milliseconds(value: float | None) -> str:
+    return "-" if value is None else f"{1e3 * value:.2f} ms" if value < 1 else f"{value:.2f} s"
+
+
+def write_files(found: Comparison, folder: Path) -> list[Path]:
+    """CSV, JSON, and the pictures that there is something to draw for. All are made before the first is written."""
+    pictures = {PLOT: _plot(found), CROPS: _crops(found)}  # may add a note
+    files = {"compare.csv": csv_text(found).encode(), "compare.json": _json(found).encode()}
+    written = write_whole(folder, files | {name: data for name, data in pictures.items() if data})
+    for name, data in pictures.items():
+        if not data:  # of an earlier comparison
+            (folder / name).unlink(missing_ok=True)
+    return written
+
+
+def _plot(found: Comparison) -> bytes:
+    """Error against run time, of the figure that the rows are ranked by; empty where there is nothing to draw."""
+    points = []
+    for row in found.rows:
+        if row.seconds_per_mpixel and row.error:  # neither can be 0 on logarithmic axes
+            points.append(Point(row.label, row.seconds_per_mpixel, row.error, row.pareto))
+    lacking = [row.label for row in found.rows if row.seconds_per_mpixel and getattr(row, found.rank_by) == math.inf]
+    if lacking and points:
+        found.notes.append(f"{PLOT} has logarithmic axes, on which no error has no place; not in it: {', '.join(lacking)}")
+    if not points:
+        return b""
+    what = "the encoded picture" if found.rank_by == "psnr_encoded" else found.variable[1]
+    scale = "the brightest of its reference" if found.rank_by == "psnr_white" else "full scale"
+    return work_precision(points, f"{found.pipeline}: {found.key}", f"rms error of {what}, {scale} 1")
+
+
+def _crops(found: Comparison) -> bytes:
+    """The best side by side with the reference of the best, each with its size; those that lie nobody knows where are named in a note."""
+    best = [(row, row.position) for row in found.rows if row.position is not None and row.position in found.pictures]
+    if not best:
+        return b""
+    reference = found.reference_pictures[best[0][1]]
+    placed = all(at in found.planes for _, at in best)  # else crops of several sizes have nothing in common
+    alike = [(row, at) for row, at in best if placed or found.pictures[at].shape == reference.shape]
+    if len(alike) < len(best):
+        labels = [row.label for row, at in best if (row, at) not in alike]
+        found.notes.append(f"{CROPS} shows pictures of one size, that of the best; not in it: {', '.join(labels)}")
+    if not alike:
+        return b""
+    if len(alike) > MOST_CROPS:
+        others = ", ".join(row.label for row, _ in alike[MOST_CROPS:])
+        found.notes.append(
+            f"{CROPS} shows the best {MOST_CROPS} of {len(alike)}; --axis '{found.key}=...' with fewer shows others: {others}"
+        )
+    strips = [Strip(f"reference of {best[0][0].label}" if found.own_reference else "reference", reference, found.planes.get(best[0][1]))]
+    for row, at in alike[:MOST_CROPS]:
+        strips.append(Strip(f"{row.label}  {_number(getattr(row, found.rank_by), '.2f')} dB", found.pictures[at], found.planes.get(at)))
+    encoded = any(row.psnr_encoded is not None for row, _ in alike)
+    return strip(strips, encoded, f"{found.pipeline}: where they differ most")
+
+
+def csv_text(found: Comparison) -> str:
+    text = StringIO()
+    rows = document(found)["rows"]
+    table = csv.DictWriter(text, list(rows[0]) if rows else ["label"], lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()
+
+
+def _json(found: Comparison) -> str:
+    return json.dumps(document(found), indent=1, allow_nan=False) + "\n"

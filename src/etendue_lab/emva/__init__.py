@@ -1,0 +1,1 @@
+"""A sensor measured after EMVA 1288."""

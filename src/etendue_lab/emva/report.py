@@ -1,0 +1,106 @@
+"""What is said of a sensor that was measured, and how JSON holds it.
+
+In:  measurements by channel, and what the sensor's stages say of themselves.
+Out: a document: figures with intervals beside what is expected, and photon transfer curves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from etendue_camera.electronics import emva
+
+FIGURES = (
+    "gain", "read_noise", "dark_current", "full_well", "dsnu", "prnu", "linearity_error", "saturation_capacity", "absolute_sensitivity",
+    "dynamic_range", "snr_max", "quantum_efficiency",
+)  # fmt: skip
+SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
+STEPPED = ("saturation_capacity", "dynamic_range", "snr_max")  # known to a step between levels, which no interval of pixels holds
+UNITS = {
+    "gain": "DN/electron", "read_noise": "electron", "dark_current": "electron/s", "full_well": "electron", "dsnu": "electron",
+    "saturation_capacity": "electron", "absolute_sensitivity": "electron", "dynamic_range": "dB", "snr_max": "dB",
+    "quantum_efficiency": "electron/photon",
+}  # fmt: skip
+
+
+class Expected(dict[str, float]):
+    """Figures that a measurement should find, as far as they are known."""
+
+    @classmethod
+    def of(cls, sheet: Mapping[str, float], time: float) -> Expected:
+        """From what stages say; ``time``: of the level at which patterns are measured."""
+        found = cls({name: sheet[name] for name in SHEET if name in sheet})
+        if "dsnu" in sheet:
+            found["dsnu"] = math.hypot(sheet["dsnu"], sheet.get("dark_spread", 0.0) * time)
+        if {"gain", "read_noise"} <= set(sheet):
+            floor = math.sqrt(sheet["read_noise"] ** 2 + emva.QUANTISATION / sheet["gain"] ** 2)
+            found["absolute_sensitivity"] = math.hypot(floor, 0.5) + 0.5
+        if {"absolute_sensitivity", "full_well"} <= set(found):
+            capacity = emva.saturation_of_well(found["full_well"], sheet.get("prnu", 0.0)) - sheet.get("dark_current", 0.0) * time
+            if capacity > 0:
+                found["saturation_capacity"] = capacity
+                found["dynamic_range"] = 20 * math.log10(capacity / found["absolute_sensitivity"])
+                found["snr_max"] = 10 * math.log10(capacity)
+        return found
+
+
+@dataclass
+class SensorChannel:
+    """One channel of one camera of a sweep; ``measurement`` is None where there is no photon transfer curve, and ``why``."""
+
+    at: Mapping[str, Any]
+    channel: str
+    measurement: emva.Measurement | None
+    times: tuple[float, ...]
+    expected: Mapping[str, float]
+    why: str = ""
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A figure each: ``held`` is whether its interval holds what is expected, None where nothing is."""
+        found = []
+        for name in FIGURES if self.measurement is not None else ():
+            estimate = getattr(self.measurement, name)
+            expected = self.expected.get(name)
+            known = expected is not None and name not in STEPPED and not math.isnan(estimate.low) and not math.isnan(estimate.high)
+            held = bool(estimate.low <= expected <= estimate.high) if known and expected is not None else None
+            found.append({
+                "figure": name, "unit": UNITS.get(name, "1"), "value": estimate.value, "low": estimate.low, "high": estimate.high,
+                "expected": expected, "held": held,
+            })  # fmt: skip
+        return found
+
+    def curve(self) -> dict[str, Any]:
+        """The photon transfer curve; ``fit`` is the line through the origin with the gain as its slope."""
+        one = self.measurement
+        if one is None:
+            return {}
+        return {
+            "integration_time": list(self.times), "signal": one.signal.tolist(), "variance": one.variance.tolist(),
+            "fit": (one.gain.value * np.asarray(one.signal)).tolist(), "dark_mean": one.dark_mean.tolist(),
+            "dark_variance": one.dark_variance.tolist(), "pattern_level": one.pattern_level,
+        }  # fmt: skip
+
+
+@dataclass
+class EmvaReport:
+    """All channels of all cameras."""
+
+    pipeline: str
+    channels: list[SensorChannel]
+    notes: list[str] = field(default_factory=list)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON holds it: an element of ``channels`` for every channel of every camera of a sweep."""
+        return {
+            "pipeline": self.pipeline, "standard": "EMVA 1288 release 4, linear", "confidence": 0.95,
+            "channels": [
+                {"at": dict(c.at), "channel": c.channel, "figures": c.rows(), "photon_transfer": c.curve(), "why": c.why}
+                for c in self.channels
+            ],
+            "notes": self.notes,
+        }  # fmt: skip

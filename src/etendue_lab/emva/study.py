@@ -1,0 +1,209 @@
+"""``etendue emva``: a sensor measured as EMVA 1288 release 4 (linear) measures a camera, beside what its stages say of themselves.
+
+In:  a pipeline as written, or an archive with raw frames of a uniform light and of the dark at several exposure times.
+Out: for each channel the photon transfer curve and the figures of the standard with 95 % intervals, and what they should be.
+
+Of a pipeline the raw frames are made: the scene is replaced by a lamp that is the same everywhere, what bends, spreads or weakens light by
+place (lens, fall-off, vignetting, response by angle) is taken off, defective pixels are made sound, and a small window of the sensor is
+read, two frames at each exposure time, in the light and in the dark. The lamp has the spectrum of the scene's light and is as bright as
+fills the channel that sees it best after the camera's integration time; the dimmer channels get longer times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.archive.again import recorded
+from etendue.archive.describe import describe_archive
+from etendue.archive.naming import cell_name
+from etendue.archive.stored import Stored
+from etendue.contract.capabilities import is_source
+from etendue.contract.ports import Progress
+from etendue.contract.registry import Registry
+from etendue.contract.roles import LENS, FlatScene
+from etendue.contract.stage import parameters_of, writes_of
+from etendue.errors import RequestError
+from etendue.pipeline.file import Pipeline, StageEntry
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Options, execute
+from etendue_lab.compare import installed
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.emva.levels import RAW, lit, of_plan, raw_node, saturation
+from etendue_lab.emva.report import EmvaReport
+from etendue_lab.noise.flat_field import sound
+
+SIDE = 192  # pixels of the window, along y and x
+BY_PLACE = frozenset({*LENS, "falloff", "vignetting", "angular response"})
+SERIES = frozenset({"bracketing", "metering"})  # which say how a frame is exposed
+BELOW = tuple(np.linspace(0.035, 0.7, 11))  # of saturation: the photon transfer curve
+ABOVE = (0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98, 1.0, 1.02, 1.05, 1.1, 1.3, 1.6, 2.0)
+FRAMES = 2
+AT_FIRST, AT_LAST = 0.05, 0.3  # of the well, that a dark current may fill at saturation and at the longest time
+DIM = 1e-3  # of the best channel, below which one sees no light to speak of
+Told = Callable[[Plan], Progress] | None
+
+
+def of_pipeline(
+    pipeline: Pipeline, registry: Registry, pixels: int = SIDE, options: Options | None = None, progress: Told = None
+) -> EmvaReport:  # fmt: skip
+    """Take the frames of a pipeline's sensor, and measure it.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        A sweep is left out.
+    registry : Registry
+    pixels : int
+        Of the window, along y and along x, at least 16.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline; a camera without raw frames, without light.
+    """
+    if pixels < 16:
+        raise RequestError(f"--pixels {pixels}: expected at least 16")
+    alone, taken = without_sweep(pipeline)
+    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    bench = _on_the_bench(alone, registry)
+    small = _windowed(bench, registry, pixels)
+    plan = make_plan(_asking(small, registry, (1.0,), ()), registry, leave_out_allowed=False)
+    notes += plan.warnings
+    plan = make_plan(_lamp(small, registry, plan, options, notes), registry, leave_out_allowed=False)
+    outcome = execute(plan, None, options, progress(plan) if progress else None)
+    if outcome.failed:
+        report = outcome.failed[0]
+        raise RequestError(f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file)
+    found = of_plan(plan, lambda ref: outcome.arrays[ref][RAW], options)
+    return EmvaReport(pipeline.name, found, notes)
+
+
+def of_archive(folder: Path, registry: Registry, options: Options | None = None) -> EmvaReport:
+    """Measure a sensor from the raw frames of an archive.
+
+    Raises
+    ------
+    ArchiveError
+        No archive, or a damaged one.
+    RequestError
+        It holds no raw frames of a light and of the dark at several times.
+    """
+    describe_archive(folder)  # refuses what is none, and what is damaged
+    stored = Stored(folder)
+    pipeline = recorded(folder).pipeline()
+    plan = make_plan(pipeline, registry)
+    node = raw_node(plan)
+    names = {cell.ref: cell_name(plan, cell.ref) for cell in plan.of(node.name)}
+    there = {ref for ref, name in names.items() if name in stored.finished}
+    if (node.name, RAW) not in plan.kept or not there:
+        raise RequestError(f"{folder} holds no raw frames: name {node.name}.raw in 'keep', or: etendue emva FILE, which takes its own")
+
+    def read(ref: CellRef) -> Any:
+        return stored.cell(names[ref]).read(RAW)
+
+    notes = []
+    if len(there) < len(names):
+        notes.append(f"{len(names) - len(there)} of {len(names)} cells are not there, and their levels are left out")
+    if not any(issubclass(one.kind, FlatScene) for n in plan.nodes if n.is_source for one in n.alternatives):
+        notes.append("the scene is not the same everywhere: its contrast is taken for a pattern of the sensor")
+    return EmvaReport(pipeline.name, of_plan(plan, read, options, there), notes)
+
+
+def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
+    """A lamp in the place of the scene, nothing that changes light by place, sound pixels, and no stage behind the raw frame."""
+    use, kept, dropped = installed.made_for(registry, FlatScene), [], set()
+    allowed = set(parameters_of(registry.load(use))) - {"reflectance", "centre_y", "centre_x", "light"}
+    last = -1
+    for number, entry in enumerate(pipeline.stages):
+        kind = registry.load(entry.use) if entry.use in registry else None
+        if kind is not None and RAW in {d.variable for d in writes_of(kind).values()}:
+            last = number
+    if last < 0:
+        raise RequestError("the pipeline has no stage that writes raw: a sensor is measured from its raw frames", pipeline.file)
+    for entry in pipeline.stages[: last + 1]:
+        kind = registry.load(entry.use) if entry.use in registry else None
+        if kind is None:
+            kept.append(entry)  # a fault that the planner names
+            continue
+        if is_source(kind):
+            values = {name: value for name, value in entry.values.items() if name in allowed}
+            kept.append(replace(entry, use=use, values={**values, "reflectance": 1.0}))
+        elif kind.role in BY_PLACE or kind.role in SERIES:
+            dropped.add(entry.name)
+        else:
+            kept.append(sound(entry, registry))
+    entries = tuple(replace(e, origin={port: name for port, name in e.origin.items() if name not in dropped}) for e in kept)
+    camera = {**pipeline.camera, **({"noise": "independent"} if "noise" in pipeline.camera else {})}
+    return replace(pipeline, camera=camera, stages=entries, sweep={}, wanted=None, keep=None)
+
+
+def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:
+    """So many pixels in light that is as wide; all of the frame where the pixel stage has no rows and columns."""
+    plan = make_plan(replace(_asking(pipeline, registry, (1.0,), ()), wanted=("photocurrent",)), registry, leave_out_allowed=False)
+    node = next((n for n in plan.nodes if n.kind.role == "pixel" and {"rows", "columns"} <= set(parameters_of(n.kind))), None)
+    if node is None:
+        return pipeline
+    pitch = float(getattr(plan.of(node.name)[0].stage, "pixel_pitch"))  # noqa: B009
+    window = {"sensor_height", "sensor_width", "first_row", "first_column", "window_rows", "window_columns", "sampling"}
+    size = {"width": (pixels + 2) * pitch, "height": (pixels + 2) * pitch, "spacing": pitch}
+    entries = []
+    for entry in pipeline.stages:
+        if entry.name == node.name:
+            own = {name: value for name, value in entry.values.items() if name not in window}
+            entry = replace(entry, values={**own, "rows": pixels, "columns": pixels})
+        elif plan.node(entry.name).is_source if entry.name in {n.name for n in plan.nodes} else False:
+            entry = replace(entry, values={**entry.values, **size})
+        entries.append(entry)
+    return replace(pipeline, stages=tuple(entries))
+
+
+def _asking(pipeline: Pipeline, registry: Registry, shares: tuple[float, ...], reflectances: tuple[float, ...]) -> Pipeline:
+    """With a series of exposures, each so many times the camera's own, in front of the exposure; swept over light and dark."""
+    use = next(registry.fitting(lambda kind: kind.role == "bracketing" and "brackets" in parameters_of(kind)), "")
+    if not use:
+        raise RequestError("no installed stage of the role 'bracketing' takes brackets")
+    at = next((i for i, e in enumerate(pipeline.stages) if e.use in registry and registry.load(e.use).role == "exposure"), None)
+    if at is None:
+        raise RequestError("the pipeline has no stage of the role 'exposure', in front of which frames could begin", pipeline.file)
+    name = "series"
+    while any(entry.name == name for entry in pipeline.stages):
+        name += "_"
+    series = StageEntry(name, use, {"repeats": FRAMES, "brackets": [float(np.log2(s)) for s in shares]}, {}, "the series of exposures")
+    scene = next(e.name for e in pipeline.stages if e.use in registry and is_source(registry.load(e.use)))
+    sweep: dict[str, Any] = {f"{scene}.reflectance": list(reflectances)} if reflectances else {}
+    stages = (*pipeline.stages[:at], series, *pipeline.stages[at:])
+    return replace(pipeline, stages=stages, sweep=sweep, wanted=(RAW,), keep=None)
+
+
+def _lamp(pipeline: Pipeline, registry: Registry, plan: Plan, options: Options | None, notes: list[str]) -> Pipeline:
+    """As bright as fills the best channel after the camera's integration time, with times that take every channel to its saturation."""
+    rates = lit(plan, options)
+    well, dark, time = saturation(plan)
+    best = max(rates.values())
+    if not best > 0:  # nor where it is not known
+        raise RequestError("the scene's light gives no photoelectrons: there is nothing to measure", pipeline.file)
+    if not 0 < well < np.inf:
+        raise RequestError("no stage of the sensor says what its pixels hold or its converter reaches: exposures cannot be chosen")
+    short = min(time, AT_FIRST * well / dark) if dark > 0 else time
+    if short < time:
+        notes.append(f"exposures are shorter than the camera's {time:.4g} s: its dark current alone brings {dark * time:.4g} electron then")
+    factor = (well - dark * short) / (best * short)
+    longest = AT_LAST * well / (dark * short) if dark > 0 else np.inf
+    shares = {float(f"{share * best / rate:.6g}") for rate in rates.values() if rate > DIM * best for share in (*BELOW, *ABOVE)}
+    levels = sorted(share * short / time for share in shares if share <= longest)
+    asked = _asking(pipeline, registry, tuple(levels), (0, 1))
+    source = next(n for n in plan.nodes if n.is_source)
+    stage = plan.of(source.name)[0].stage
+    word = next((w for w in ("radiance", "white_luminance") if getattr(stage, w, 0.0)), "")
+    if not word:
+        raise RequestError(f"{source.alternatives[0].use} has no brightness that could be set")
+    bright = {word: getattr(stage, word) * factor}
+    return replace(
+        asked, stages=tuple(replace(e, values={**e.values, **bright}) if e.name == source.name else e for e in asked.stages)
+    )  # fmt: skip

@@ -1,0 +1,57 @@
+"""A sensor that was measured, on the terminal.
+
+In:  the document of ``emva``.
+Out: a table for each channel: figure, measured, interval, expected.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from etendue.present.terminal.terminal import _out, _table, escape
+
+NAMES = {
+    "gain": "system gain K", "read_noise": "read noise", "dark_current": "dark current", "full_well": "full well", "dsnu": "DSNU1288",
+    "prnu": "PRNU1288", "linearity_error": "linearity error", "saturation_capacity": "saturation capacity",
+    "absolute_sensitivity": "sensitivity limit", "dynamic_range": "dynamic range", "snr_max": "SNR max",
+    "quantum_efficiency": "quantum efficiency",
+}  # fmt: skip
+PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
+
+
+def print_emva(document: dict[str, Any]) -> None:
+    """Measured beside expected."""
+    console = _out()
+    console.print(f"{escape(document['pipeline'])}: {document['standard']}; intervals of {100 * document['confidence']:.0f} %")
+    held = known = 0
+    for one in document["channels"]:
+        at = ", ".join(f"{key} = {value}" for key, value in one["at"].items())
+        curve = one["photon_transfer"]
+        title = f"channel {one['channel']}" + (f" at {escape(at)}" if at else "")
+        if one["why"]:
+            console.print(f"{title}: not measured: {escape(one['why'])}")
+            continue
+        times = curve["integration_time"]
+        title += f"; {len(times)} exposures of {1e3 * times[0]:.3g} to {1e3 * times[-1]:.3g} ms"
+        columns = (("figure", "left"), ("measured", "right"), ("interval", "left"), ("expected", "right"), ("held", "left"))
+        table = _table(title, *columns)
+        for row in one["figures"]:
+            unit = "%" if row["figure"] in PERCENT else "" if row["unit"] == "1" else row["unit"]
+            scale = 100.0 if row["figure"] in PERCENT else 1.0
+            word = "" if row["held"] is None else "yes" if row["held"] else "no"
+            held, known = held + (row["held"] is True), known + (row["held"] is not None)
+            cells = [_text(row[name], scale) for name in ("value", "low", "high", "expected")]
+            interval = f"{cells[1]} to {cells[2]}" if cells[1] or cells[2] else ""
+            table.add_row(NAMES[row["figure"]] + (f", {unit}" if unit else ""), cells[0], interval, cells[3], word)
+        console.print(table)
+    if known:
+        console.print(f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not")
+    for note in document["notes"]:
+        console.print(f"note: {escape(note)}")
+
+
+def _text(value: float | None, scale: float) -> str:
+    if value is None or math.isnan(value):
+        return ""
+    return f"{scale * value:.0f}" if 1e3 <= abs(scale * value) < 1e7 else f"{scale * value:.4g}"

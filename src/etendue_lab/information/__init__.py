@@ -1,0 +1,1 @@
+"""Bits per pixel of fine detail, and where they are lost."""

@@ -1,0 +1,90 @@
+"""Contrast of fine detail as a slanted edge shows it, in any picture of a camera, without noise.
+
+In:  a camera in front of a grey card, the pictures that are looked at.
+Out: by picture and channel the response across the edge at some frequencies, cycles/pixel.
+
+An even field of the same light divides fall-off out, and what the rendering of the edge takes from the contrast is divided out too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.registry import Registry
+from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Options, collect
+from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.sensor import cfa
+from etendue_lab.compare.edge import ANGLE, edge_and_field
+from etendue_lab.compare.figures import BORDER
+from etendue_lab.information.fine_detail import FineDetail, Place
+from etendue_lab.noise.flat_field import MOSAIC
+
+SAMPLES = 129  # of the edge's response up to 1 cycle/pixel
+
+
+def edge_contrast(
+    detail: FineDetail, places: list[Place], white: float, frequency: Any, registry: Registry, options: Options | None = None
+) -> dict[Place, dict[str, Any]]:
+    """By picture and channel: contrast at the frequencies along the normal of the edge, `ANGLE` degrees from x.
+
+    ``white``: what a white surface becomes at most, 1 where pixels saturate; the edge stays below.
+
+    Raises
+    ------
+    ValueError
+        There is no single scene to be replaced, a stage broke off, or an edge is not to be seen.
+    """
+    base, _, sigma = edge_and_field(detail.pipeline, detail.plan.nodes, detail.plan, white, registry)
+    plan = make_plan(replace(base, wanted=tuple(f"{s}.{v}" for s, v in places), keep=None, precision="float64"), registry, False)
+    refs = {(s, i): (s, (i,) if plan.node(s).axes else ()) for s, _ in places for i in (0, 1)}
+    arrays = collect(plan, {refs[s, i]: tuple(v for t, v in places if t == s) for s, v in places for i in (0, 1)}, options)
+    failed = next((r for r in arrays.reports.values() if r.status == "failed"), None)
+    if failed is not None:
+        raise ValueError(f"the stage {failed.stage!r} broke off in front of an edge: {failed.message.splitlines()[-1]}")
+    own = np.exp(-2 * (math.pi * sigma / detail.pitch * frequency) ** 2)
+    found: dict[Place, dict[str, Any]] = {}
+    for place in places:
+        edge, field = (np.asarray(arrays.arrays[refs[place[0], i]][place[1]], np.float64) for i in (0, 1))
+        if not (np.isfinite(field).all() and (field > 0).all()):
+            raise ValueError(f"{place[0]} leaves parts of an even field without light")
+        inside = (..., _rows(edge.shape[-2], detail.mask.shape[0]), slice(BORDER, -BORDER))
+        if place[1] == MOSAIC:
+            sites = {c: _sites(plan, place, c)[inside] for c in detail.channels}
+            picture = (edge / field)[inside]
+            found[place] = {c: _response(picture, frequency, own, None if s.all() else s) for c, s in sites.items()}
+            continue
+        names = detail.names_of(place)
+        found[place] = {name: _response((edge[i] / field[i])[inside], frequency, own, None) for i, name in enumerate(names)}
+    return found
+
+
+def _sites(plan: Plan, place: Place, channel: str) -> Any:
+    """Where a channel's pixels are in the window of the edge."""
+    node = plan.node(place[0])
+    grid = plan.cells[node.name, (0,) * len(node.axes)].grids[MOSAIC]
+    y, x = grid.line("y"), grid.line("x")
+    mask = cfa.read(str(plan.camera.get("pattern", "mono")))
+    index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
+    return index == list(mask.channels).index(channel)
+
+
+def _response(picture: Any, frequency: Any, own: Any, sites: Any) -> Any:
+    found = slanted_edge(picture, samples=SAMPLES, tails=False, sites=sites)
+    return np.interp(frequency, found.frequency, found.sfr) / own
+
+
+def _rows(rows: int, period: int) -> slice:
+    """Rows in the middle over which the edge wanders by whole cells of the mosaic: what a demosaicer makes of its cells then averages out.
+
+    Else false detail of low frequency, which is strong, leaks into the response next to 1/2 cycle/pixel.
+    """
+    step = period / math.tan(math.radians(ANGLE))
+    kept = round(step * max(1, math.floor((rows - 2 * BORDER) / step)))
+    start = max(0, (rows - kept) // 2)
+    return slice(start, start + kept)

@@ -1,0 +1,274 @@
+"""What a camera makes of fine grey detail on a grey card: its contrast, and the noise beside it, by spatial frequency.
+
+In:  a pipeline, the reflectance of its grey card.
+Out: charge of each channel, transfer functions of the stages in front of the mosaic, NEQ up to any of them and in every picture.
+
+Frequencies are in cycles/pixel. Detail is grey, so that every pixel of the mosaic sees the same of it, whatever its filter, and its light
+has the spectrum of the scene's white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etendue.compute.cell import compute
+from etendue.compute.found import with_found
+from etendue.compute.jobs import make_jobs
+from etendue.compute.joined.segments import Result
+from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, is_seen_as_transfer, moves_light
+from etendue.contract.ports import Progress
+from etendue.contract.registry import Registry
+from etendue.contract.roles import Scaled
+from etendue.errors import RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.model import CellRef, Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Options, collect
+from etendue.transfer.products import Product, alone, behind_filters, between, weights
+from etendue_camera.resolution import information, noise_power
+from etendue_lab.noise.flat_field import MOSAIC, REACH, FlatField, another, followed, in_front_of_grey
+
+CHARGE, CURRENT, LIGHT = "expected_charge", "photocurrent", "photon_rate"
+LINEAR = ("rgb_camera", "xyz_scene", "rgb_linear")
+SHOT = "shot noise"
+Place = tuple[str, str]  # stage and variable
+
+
+class FineDetail(FlatField):
+    """A camera in front of a grey card, from its own figures."""
+
+    def __init__(self, plan: Plan, arrays: dict[CellRef, dict[str, Any]], pipeline: Pipeline, notes: list[str]) -> None:
+        first = next(n for n in plan.nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
+        super().__init__(plan, first, [arrays], notes)
+        self.pipeline = pipeline
+        if "pixel_pitch" not in plan.camera:
+            raise RequestError("the camera has no pixel_pitch: there are no cycles per pixel", pipeline.file)
+        self.pitch = float(plan.camera["pixel_pitch"])
+        self.order = list(np.ndindex(self.mask.shape))
+        self.channels = tuple(dict.fromkeys(str(c) for c in self.mask.ravel()))
+        results = {ref: Result(arrays=dict(found)) for ref, found in arrays.items()}
+        front = [n for n in plan.nodes if n.name in self.before and is_seen_as_transfer(n.kind)]
+        stages = {n.name: with_found(self.jobs[n.name, ()], results).stage for n in front}
+        self.lens = {name: stage for name, stage in stages.items() if isinstance(stage, Transfer)}
+        self.moved = {name: stage for name, stage in stages.items() if isinstance(stage, ChannelTransfer) and stage.moves_charge()}
+        self.blurs = (*self.lens, *self.moved)  # stages that take contrast in front of the noise
+        pixel = next((n for n in front if n.ends_in_sum), None)
+        if pixel is None:
+            raise RequestError("the pipeline has no pixel stage: there is nothing that samples light", pipeline.file)
+        cell = plan.cells[pixel.name, ()]
+        self.pixel, self.edges = pixel.name, cell.input_grids[cell.inputs[0][0]].bands().edges
+        stage = self.lens[pixel.name]
+        assert isinstance(stage, Summed)
+        own = weights(stage, alone(stage, self.edges))
+        light = next((found["white_irradiance"] for found in reversed(list(arrays.values())) if "white_irradiance" in found), None)
+        self.light = np.ones(own.shape[1]) if light is None or len(light) != own.shape[1] else np.asarray(light, float)
+        self.photons, names = own * self.light, [str(v) for v in cell.grids[LIGHT]["channel"].values()]
+        self.number = {c: names.index(c) for c in self.channels if c in names}
+        self.colours = {c: self.photons[i] / self.photons[i].sum() for c, i in self.number.items()}
+        beyond = [n.name for n in plan.nodes if n.name in self.before and moves_light(n.kind)]
+        if beyond:
+            notes.append(f"{', '.join(beyond)}: no transfer function holds all over the frame, and none is counted")
+
+    # -- light ------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def electrons(self) -> dict[str, float]:
+        """Photoelectrons of a pixel by channel, without dark charge."""
+        dark = self.dark
+        return {c: e - dark for c, e in self.signal().items()}
+
+    @cached_property
+    def dark(self) -> float:
+        """Charge of a pixel without light, electron."""
+        node = next((n for n in self.plan.nodes if CHARGE in n.writes and CURRENT in {v for _, _, v in n.inputs[0]}), None)
+        if node is None:
+            return 0.0
+        results = {ref: Result(arrays=dict(found)) for ref, found in self.arrays[0].items()}
+        source = next(s for _, s, v in node.inputs[0] if v == CURRENT)
+        found = results[source, ()].arrays
+        results[source, ()] = Result(arrays={**found, CURRENT: np.zeros_like(found[CURRENT])})
+        made, _ = compute(replace(self.jobs[node.name, ()], expected=True), results)
+        return 0.0 if made.failed else float(np.mean(made.arrays[CHARGE]))
+
+    def contrast(self, channel: str, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
+        """(m, n) transfer function of a channel in front of the mosaic, without some of its stages."""
+        bands = self.band_contrast(fy, fx, [n for n in self.lens if n not in without])
+        return self.mean(channel, bands, fy, fx, [n for n in self.moved if n not in without])
+
+    def mean(self, channel: str, bands: Any, fy: Any, fx: Any, moved: Collection[str]) -> Any:
+        """(m, n) of a channel from what its bands hold (wavelength, m, n), with the charge that some stages move between pixels."""
+        if not moved:
+            return np.tensordot(self.colours[channel], bands, 1)
+        zero = np.zeros(1)
+        made, still = (
+            [between(self.moved[n], y, x, self.light, alone(self.moved[n], self.edges)) for n in moved]
+            for y, x in ((np.asarray(fy) / self.pitch, np.asarray(fx) / self.pitch), (zero, zero))
+        )
+        return behind_filters(bands, self.photons, made, [one[..., 0, 0] for one in still])[self.number[channel]]
+
+    def band_contrast(self, fy: Any, fx: Any, names: Collection[str]) -> Any:
+        """(wavelength, m, n) of some stages together."""
+        product = Product(tuple(self.lens[name] for name in names), self.edges)
+        found = product.at(np.asarray(fy)[:, None] / self.pitch, np.asarray(fx)[None, :] / self.pitch)
+        return np.broadcast_to(found, (len(self.edges) - 1, len(fy), len(fx)))
+
+    # -- noise ------------------------------------------------------------------------------------------------------
+
+    def variances(self, channel: str, without: Collection[str] = ()) -> float:
+        """Of a pixel, electron^2: shot noise of its light, and of the stages that add noise all but some."""
+        light = self.electrons[channel]
+        return light + sum(v for name, v in self.added(channel).items() if name not in without)
+
+    def added(self, channel: str) -> dict[str, float]:
+        """Beside the shot noise of the light, by stage, electron^2; a stage of shot noise has that of the dark charge left."""
+        charge, light = self.signal()[channel], self.electrons[channel]
+        return {name: max(0.0, stage.variance(charge) - (light if stage.role == SHOT else 0.0)) for name, stage in self.noisy().items()}
+
+    def quanta(self, fy: Any, fx: Any, without: Collection[str] = ()) -> Any:
+        """(m, n) NEQ of the mosaic: of all its pixels together, each by its own noise.
+
+        The mean over the places of the cell: the ideal observer of one wave knows what every pixel's filter is. ``without``: stages whose
+        blur or noise is left out.
+        """
+        total = np.zeros((len(fy), len(fx)))
+        for channel in self.channels:
+            share = float(np.mean(self.mask == channel))
+            signal = self.electrons[channel] * self.contrast(channel, fy, fx, without)
+            total += share * information.neq(signal, self.variances(channel, without))
+        return total
+
+    def quanta_of(self, channel: str, fy: Any, fx: Any) -> Any:
+        """(m, n) NEQ of the pixels of one channel, in quanta a pixel of the frame."""
+        share = float(np.mean(self.mask == channel))
+        return share * information.neq(self.electrons[channel] * self.contrast(channel, fy, fx), self.variances(channel))
+
+    # -- pictures ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def full(self) -> float:
+        """Electrons of a pixel that reads 1."""
+        scale = self.before[self.first.name]
+        assert isinstance(scale, Scaled)
+        return scale.electrons()
+
+    @cached_property
+    def answers(self) -> dict[Place, list[tuple[Any, Any, float]]]:
+        """By picture: answers to a step of one pixel, variances, weight, at several places of the frame; see `FlatField.responses`."""
+        return self.responses(self.flat_mosaic([self.window(self.arrays[0][self.ref][MOSAIC])]), {}, True)
+
+    def sites(self, shape: tuple[int, ...]) -> Any:
+        """(place, 2): where the stepped pixels lie in the windows of the answers."""
+        corner = [shape[i] - (REACH + 4) for i in (-2, -1)]  # windows may be cut at the border in front, not behind
+        return np.array([[corner[0] + y, corner[1] + x] for y, x in self.order])
+
+    def signal_in(self, picture: Place, fy: Any, fx: Any, dark: bool = False) -> Any:
+        """(channel, m, n): mean of a picture times the transfer function of grey detail; ``dark``: its mean alone, dark charge included."""
+        before = {c: self.contrast(c, fy, fx) for c in self.channels}
+        level = {c: (self.signal()[c] if dark else self.electrons[c]) / self.full for c in self.channels}
+        places = np.stack([level[str(self.mask[p])] * before[str(self.mask[p])] for p in self.order])
+        total: Any = 0.0
+        for responses, _, weight in self.answers[picture]:
+            total = total + weight * noise_power.carried_signal(
+                noise_power.spectra(responses, self.sites(responses.shape), fy, fx), places
+            )  # fmt: skip
+        return total
+
+    def noise_in(self, picture: Place, fy: Any, fx: Any) -> Any:
+        """(channel, channel, m, n): cross power of a picture's noise."""
+        total: Any = 0.0
+        for responses, variance, weight in self.answers[picture]:
+            found = noise_power.spectra(responses, self.sites(responses.shape), fy, fx)
+            total = total + weight * noise_power.carried_power(found, variance)
+        return total
+
+    def periodogram_of(self, picture: Place, block: int) -> Any:
+        """(channel, channel, block, block): what periodograms of a picture's noise show on average."""
+        return sum(w * noise_power.expected_periodogram(h, v, block) for h, v, w in self.answers[picture])
+
+    def names_of(self, picture: Place) -> tuple[str, ...]:
+        return tuple(str(v) for v in self.plan.cells[picture[0], ()].grids[picture[1]]["channel"].values())
+
+
+def fine_detail(
+    pipeline: Pipeline,
+    registry: Registry,
+    reflectance: float,
+    options: Options | None = None,
+    progress: Callable[[Plan], Progress] | None = None,
+    notes: list[str] | None = None,
+) -> FineDetail:
+    """Run a camera without a sweep in front of a grey card, once.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline; a camera without a mosaic or without noise, one that does not say how noisy it is, a picture that is too
+        small, no light.
+    """
+    if not 0 < reflectance <= 1:
+        raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
+    notes = [] if notes is None else notes
+    flat = in_front_of_grey(pipeline, registry, reflectance)
+    plan = make_plan(replace(flat, wanted=None, keep=None), registry, leave_out_allowed=False)
+    notes += [note for note in plan.warnings if note not in notes]
+    chosen = followed(plan, notes, "detail", pipeline.file)
+    wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, CHARGE) and not n.is_probe)
+    plan = make_plan(replace(flat, wanted=wanted, keep=None, precision="float64"), registry, leave_out_allowed=False)
+    found = collect(plan, small(plan), options, progress(plan) if progress else None)
+    failed = next((r for r in found.reports.values() if r.status == "failed"), None)
+    if failed is not None:
+        raise RequestError(f"the stage {failed.stage!r} broke off: {failed.message.splitlines()[-1]}", pipeline.file)
+    made = FineDetail(plan, found.arrays, flat, notes)
+    if made.unsaid():
+        raise RequestError(f"{made.unsaid()}: what its pictures hold cannot be predicted", pipeline.file)
+    if not all(np.isfinite(v) and v > 0 for v in made.electrons.values()):
+        raise RequestError(
+            "no light of the grey card reaches the pixels: give the scene more light, or the camera more time", pipeline.file
+        )
+    if float(np.mean(made.window(found.arrays[made.ref][MOSAIC]) >= 0.999)) > 0.001:
+        notes.append("pixels of the grey card are full or at the top code: their noise is cut off, which no prediction knows")
+    return made
+
+
+def small(plan: Plan) -> Mapping[CellRef, tuple[str, ...]]:
+    """All that the stages behind the light write, and what of the light has no place."""
+    return {
+        (n.name, ()): own for n in plan.nodes
+        if (own := tuple(v for v, d in n.writes.items() if not {"wavelength", "y"} <= set(d.dims))) and not n.is_probe
+    }  # fmt: skip
+
+
+def frames(detail: FineDetail, registry: Registry, count: int, expected: Collection[str] = ()) -> list[dict[Place, Any]]:
+    """Pictures and mosaic of frames of noise, each with fixed patterns of its own, of the same light, in the window.
+
+    ``expected``: stages whose expected values stand for what they draw or round.
+    """
+    plan = detail.plan
+    drawn: set[str] = set()
+    for node in plan.nodes:
+        if not node.is_probe and (node.is_random or {s for _, s, _ in node.inputs[0]} & drawn):
+            drawn.add(node.name)
+    wanted = (MOSAIC, *LINEAR)
+    found = []
+    for number in range(count):
+        own = make_plan(another(plan.pipeline, number), registry, leave_out_allowed=False)
+        jobs = make_jobs(own, set(own.cells), lambda cell: None, deliver_all=True)
+        results = {ref: Result(arrays=dict(a)) for ref, a in detail.arrays[0].items()}
+        for node in own.nodes:
+            ref: CellRef = (node.name, ())
+            if node.name not in drawn or ref not in jobs:
+                continue
+            results[ref], report = compute(replace(jobs[ref], expected=node.name in expected), results)
+            if report.status == "failed":
+                raise RequestError(f"the stage {node.name!r} broke off: {report.message.splitlines()[-1]}", detail.pipeline.file)
+        found.append({
+            (name, v): detail.window(results[name, ()].arrays[v]).astype(np.float64)
+            for name in (n.name for n in own.nodes if n.name in drawn and (n.name, ()) in jobs) for v in wanted
+            if v in results[name, ()].arrays
+        })  # fmt: skip
+    return found

@@ -1,0 +1,238 @@
+"""``etendue information``: how many bits a pixel a camera tells of fine detail, and where along the chain they are lost.
+
+In:  a pipeline as written, the reflectance of its grey card, the contrast of the detail on it, a number of frames.
+Out: information capacity, NEQ and SNRi from light to the last picture, from the camera's own figures; NEQ found in its pictures.
+
+Found: noise power in periodograms of frames of the grey card, contrast across a slanted edge without noise, the mean of the card. What is
+found knows nothing of the transfer functions and variances from which the prediction is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.ports import Progress
+from etendue.contract.registry import Registry
+from etendue.errors import EtendueError, RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.model import Plan
+from etendue.session import Options
+from etendue_camera.resolution import information as kernel
+from etendue_camera.resolution import noise_power
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.edge import ANGLE
+from etendue_lab.information.edge_contrast import edge_contrast
+from etendue_lab.information.fine_detail import LINEAR, FineDetail, Place, fine_detail, frames
+from etendue_lab.information.report import Curve, InformationReport, Row
+from etendue_lab.noise.flat_field import MOSAIC
+
+BLOCK = 16  # pixels, side of a periodogram
+ENOUGH = 400  # periodograms behind each value, below which a note says so
+
+
+def information(
+    pipeline: Pipeline,
+    registry: Registry,
+    reflectance: float = 0.18,
+    ratio: float = 4.0,
+    size: float = 4.0,
+    contrast: float = 0.05,
+    count: int = 16,
+    options: Options | None = None,
+    progress: Callable[[Plan], Progress] | None = None,
+) -> InformationReport:
+    """Bits a pixel along the chain, predicted, and NEQ of the linear pictures, predicted and found.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Its scene is replaced by a grey card of the same size and light; a sweep is left out.
+    registry : Registry
+    reflectance : float
+        Of the card, above 0 and at most 1.
+    ratio : float
+        Of the brightest to the darkest detail, above 1: the signal is anything between, the same power at all frequencies.
+    size, contrast : float
+        Of the Gaussian spot that the ideal observer looks for: its width at half height in pixels, its contrast at the peak.
+    count : int
+        Frames of noise; 0: nothing is measured.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline or of these values; a camera that does not say how noisy it is.
+    """
+    _check(ratio, size, contrast, count)
+    alone, taken = without_sweep(pipeline)
+    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    detail = fine_detail(alone, registry, reflectance, options, progress, notes)
+    report = InformationReport(pipeline.name, reflectance, ratio, size, contrast, detail.electrons, BLOCK, notes=detail.notes)
+    _Chain(detail, report).follow()
+    if count:
+        _Found(detail, report, registry, options).measure(count)
+    return report
+
+
+def _check(ratio: float, size: float, contrast: float, count: int) -> None:
+    for option, value, holds, allowed in (
+        ("--contrast-ratio", ratio, ratio > 1, "a number above 1"),
+        ("--object", size, 0.5 <= size <= 12, "0.5 to 12 pixels"),
+        ("--object-contrast", contrast, 0 < contrast <= 1, "a number above 0 and at most 1"),
+    ):
+        if not holds:
+            raise RequestError(f"{option} {value:g}: expected {allowed}")
+    if count < 0 or count == 1:
+        raise RequestError(f"--frames {count}: expected 0, or at least 2")
+
+
+class _Chain:
+    """The prediction, stage after stage."""
+
+    def __init__(self, detail: FineDetail, report: InformationReport) -> None:
+        self.detail, self.report = detail, report
+        self.square = kernel.nyquist_square()
+        sigma = report.size / math.sqrt(8 * math.log(2))
+        self.spot = kernel.gaussian_object(self.square.fy[:, None], self.square.fx, sigma)
+        self.variance = kernel.signal_variance(report.ratio)
+
+    def follow(self) -> None:
+        detail = self.detail
+        left = [*detail.blurs, *detail.noisy()]
+        self._add("light", "photons", lambda fy, fx: detail.quanta(fy, fx, left))
+        for name in list(left):
+            left.remove(name)
+            kind = "blur" if name in detail.blurs else "noise"
+            without = tuple(left)
+            if kind == "noise" and not any(detail.added(c)[name] for c in detail.channels):
+                continue
+            self._add(name, kind, lambda fy, fx, without=without: detail.quanta(fy, fx, without))
+        for picture in detail.answers:
+            self._add(picture[0], picture[1], lambda fy, fx, p=picture: self._together(p, fy, fx), self._by_channel(picture))
+
+    def _together(self, picture: Place, fy: Any, fx: Any) -> Any:
+        return kernel.neq_of_channels(self.detail.signal_in(picture, fy, fx), self.detail.noise_in(picture, fy, fx))
+
+    def _by_channel(self, picture: Place) -> dict[str, float]:
+        """Bits a pixel of each channel alone."""
+        s, w = (of(picture, self.square.fy, self.square.fx) for of in (self.detail.signal_in, self.detail.noise_in))
+        return {
+            name: kernel.capacity(kernel.neq(s[i], w[i, i].real), self.square, self.variance)
+            for i, name in enumerate(self.detail.names_of(picture))
+        }
+
+    def _add(self, stage: str, what: str, quanta: Any, channels: dict[str, float] | None = None) -> None:
+        found = quanta(self.square.fy, self.square.fx)
+        ends = quanta(np.zeros(1), np.array([0.0, 0.25, 0.4999]))[0]
+        self.report.rows.append(Row(
+            stage, what, kernel.capacity(found, self.square, self.variance),
+            kernel.capacity_along(lambda f: quanta(np.zeros(1), f)[0], self.variance),
+            tuple(float(v) for v in ends), kernel.ideal_observer(found, self.spot, self.square, self.report.contrast), channels or {},
+        ))  # fmt: skip
+
+
+class _Found:
+    """What frames of noise and an edge show."""
+
+    def __init__(self, detail: FineDetail, report: InformationReport, registry: Registry, options: Options | None) -> None:
+        self.detail, self.report, self.registry, self.options = detail, report, registry, options
+        self.frequency = np.arange(1, BLOCK // 2 + 1) / BLOCK
+        self.variance = kernel.signal_variance(report.ratio)
+
+    def measure(self, count: int) -> None:
+        stacks: dict[Place, list[Any]] = {}
+        for frame in frames(self.detail, self.registry, count):
+            for place, picture in frame.items():
+                stacks.setdefault(place, []).append(picture)
+        every = {place: np.stack(stack) for place, stack in stacks.items()}
+        mosaic = every[self.detail.first.name, MOSAIC]
+        wanted = {place: planes for place, planes in every.items() if place in self.detail.answers and place[1] in LINEAR}
+        means = [planes.mean(axis=(0, 2, 3)).max() for place, planes in wanted.items() if place[1] != "xyz_scene"]
+        white = max([float(mosaic.mean(axis=0).max()), *means]) / self.report.reflectance
+        try:
+            places = [*wanted, (self.detail.first.name, MOSAIC)]
+            seen = edge_contrast(self.detail, places, white, self.frequency, self.registry, self.options)
+        except (EtendueError, ValueError) as error:
+            text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
+            self.report.notes.append(f"NEQ is not measured: {text}")
+            return
+        for place in ((self.detail.first.name, MOSAIC), *wanted):
+            self.report.curves += (
+                self._mosaic(mosaic, seen[place]) if place[1] == MOSAIC else self._picture(place, every[place], seen[place])
+            )
+        fewest = min((curve.periodograms for curve in self.report.curves), default=ENOUGH)
+        if fewest < ENOUGH:
+            self.report.notes.append(
+                f"only {fewest} periodograms stand behind a found value: --frames {1 + math.ceil((count - 1) * ENOUGH / fewest)}"
+            )
+
+    # -- noise ------------------------------------------------------------------------------------------------------
+
+    def _mosaic(self, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
+        """By channel: each place of the cell by itself, on its own lattice, whose power repeats beyond its Nyquist frequency."""
+        detail, period = self.detail, self.detail.mask.shape
+        block = [max(2, BLOCK // p) for p in period]
+        curves = []
+        for channel in detail.channels:
+            total, periodograms = np.zeros(len(self.frequency)), 0
+            for y, x in detail.order:
+                if str(detail.mask[y, x]) != channel:
+                    continue
+                plane = frames[:, None, y :: period[0], x :: period[1]]
+                power, periodograms = noise_power.periodograms(plane, min(block))
+                own = np.fft.fftfreq(min(block), period[1])
+                places = [int(np.argmin(np.abs(_folded(f, 1 / period[1]) - np.abs(own)))) for f in self.frequency]
+                noise = self._band(power[0, 0].real)[places]
+                light = plane.mean() * detail.electrons[channel] / detail.signal()[channel]
+                total += kernel.neq(light * contrast[channel], noise) / len(detail.order)
+            fy, fx = self._normal()
+            expected = detail.quanta_of(channel, [0.0], np.zeros(1))[0, 0] * np.abs(np.diagonal(detail.contrast(channel, fy, fx))) ** 2
+            curves.append(self._curve(detail.first.name, MOSAIC, channel, expected, total, periodograms, 3))
+        return curves
+
+    def _picture(self, place: Place, frames: Any, contrast: dict[str, Any]) -> list[Curve]:
+        detail = self.detail
+        power, count = noise_power.periodograms(frames, BLOCK)
+        expected_power = detail.periodogram_of(place, BLOCK)
+        fy, fx = self._normal()
+        signal = np.abs(np.diagonal(detail.signal_in(place, fy, fx), axis1=1, axis2=2))
+        zero = np.zeros(1)
+        light, whole = (np.abs(detail.signal_in(place, zero, zero, dark)[:, 0, 0]) for dark in (False, True))
+        curves = []
+        for i, name in enumerate(detail.names_of(place)):
+            mean = frames[:, i].mean() * light[i] / whole[i]
+            places = np.arange(1, BLOCK // 2 + 1)
+            noise, expected_noise = (self._band(p[i, i].real)[places] for p in (power, expected_power))
+            found = kernel.neq(mean * contrast[name], noise)
+            curves.append(self._curve(*place, name, kernel.neq(signal[i], expected_noise), found, count, 3))
+        return curves
+
+    @staticmethod
+    def _band(power: Any) -> Any:
+        """Along x: the mean of the three rows next to fy = 0."""
+        return (power[0] + power[1] + power[-1]) / 3
+
+    def _curve(self, stage: str, what: str, channel: str, expected: Any, found: Any, count: int, rows: int) -> Curve:
+        bits = [self._bits(quanta) for quanta in (expected, found)]
+        return Curve(
+            stage, what, channel, tuple(self.frequency), tuple(map(float, expected)), tuple(map(float, found)), count,
+            1 / math.sqrt(count * rows), *bits,
+        )  # fmt: skip
+
+    def _bits(self, quanta: Any) -> float:
+        return kernel.capacity_along(lambda f: np.interp(f, self.frequency, quanta), self.variance)
+
+    # -- contrast ---------------------------------------------------------------------------------------------------
+
+    def _normal(self) -> tuple[Any, Any]:
+        """Frequencies along the normal of the edge."""
+        turn = math.radians(ANGLE)
+        return math.sin(turn) * self.frequency, math.cos(turn) * self.frequency
+
+
+def _folded(frequency: float, period: float) -> float:
+    """Where a frequency lies on a lattice whose power repeats."""
+    return abs(frequency - period * round(frequency / period))

@@ -1,0 +1,167 @@
+"""What a camera would lose with some of its stages alone: contrast and signal-to-noise ratio, from its own figures.
+
+In:  a camera in front of a grey card (`FineDetail`).
+Out: for any set of stages the loss in decibels, all other stages ideal.
+
+Decibels, because transfer functions multiply: what two blurs lose together is then nearly the sum of what each does, where contrast itself
+falls by less and less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from etendue_camera.resolution import noise_power
+from etendue_camera.resolution.information import nyquist_square
+from etendue_lab.information.fine_detail import SHOT, FineDetail, Place
+from etendue_lab.losses.shapley import Shares
+
+CAMERA = "rgb_camera"
+NODES = 32  # frequencies between 0 and Nyquist, and along x in the Nyquist square
+
+
+@dataclass(frozen=True)
+class Game:
+    """One loss, and whose it is."""
+
+    name: str
+    unit: str  # of the loss that is shared out
+    figure: str  # what stands beside it
+    shares: Shares
+    ideal: float  # the figure without any of the stages
+    camera: float  # with all
+    without: Mapping[str, float]  # stage -> figure without it alone
+    pairs: Mapping[tuple[str, str], tuple[float, float]]  # loss less without both: predicted from shares, and as it is
+
+
+def pictures_of(detail: FineDetail) -> list[Place]:
+    """Camera primaries, stage after stage."""
+    return [place for place in detail.answers if place[1] == CAMERA]
+
+
+def channel_of(detail: FineDetail) -> str:
+    """The channel that is looked at: the second of the camera's, or its only one."""
+    return detail.channels[min(1, len(detail.channels) - 1)] if "G" not in detail.channels else "G"
+
+
+class Contrast:
+    """Mean contrast along x from 0 to Nyquist, of one channel.
+
+    Stages in front of the mosaic by their transfer functions, band by band; those behind it by what they make of the transfer function in
+    front of them. The ideal of a pixel is a point, of a demosaicer every channel at every pixel.
+    """
+
+    def __init__(self, detail: FineDetail) -> None:
+        x, w = np.polynomial.legendre.leggauss(NODES)
+        self.detail, self.weight, self.frequency, zero = detail, 0.5 * w, 0.25 * (1 + x), np.zeros(1)
+        self.channel = channel = channel_of(detail)
+        frequency = self.frequency
+        self.lens = {name: detail.band_contrast(zero, frequency, [name])[:, 0] for name in detail.lens}
+        before, self.behind = detail.contrast(channel, zero, frequency)[0], {}
+        for place in pictures_of(detail):
+            i = _index(detail, place, channel)
+            after = detail.signal_in(place, zero, frequency)[i, 0] / detail.signal_in(place, zero, zero)[i, 0, 0]
+            self.behind[place[0]] = np.divide(after, before, out=np.zeros_like(after), where=np.abs(before) > 1e-9)
+            before = after
+        self.players = (*detail.blurs, *self.behind)
+
+    def contrast(self, present: frozenset[str]) -> float:
+        bands: Any = np.ones((len(self.detail.light), NODES))
+        for name in present & self.lens.keys():
+            bands = bands * self.lens[name]
+        moved = [name for name in self.detail.moved if name in present]
+        found = self.detail.mean(self.channel, bands[:, None], np.zeros(1), self.frequency, moved)[0]
+        for name in present & self.behind.keys():
+            found = found * self.behind[name]
+        return float(np.sum(self.weight * np.abs(found)))
+
+    def loss(self, present: frozenset[str]) -> float:
+        """dB."""
+        return -20 * math.log10(max(self.contrast(present), 1e-30))
+
+
+class SignalToNoise:
+    """SNR of the grey card in one channel, against that of its light's shot noise alone.
+
+    Noise in front of the mosaic by its variance, stages behind it by what they make of noise power; ``gains``: of stages that take light,
+    the share that passes.
+    """
+
+    def __init__(self, detail: FineDetail, gains: Mapping[str, float]) -> None:
+        self.detail, self.gains, self.channel = detail, dict(gains), channel_of(detail)
+        self.square = nyquist_square(NODES)
+        self.places = pictures_of(detail)
+        self.noise = tuple(name for name in detail.noisy() if any(detail.added(c)[name] for c in detail.channels))
+        self.players = (*self.gains, *self.noise, *(stage for stage, _ in self.places))
+
+    def snr(self, present: frozenset[str]) -> float:
+        passed = math.prod(gain for name, gain in self.gains.items() if name not in present)
+        light = {c: e / passed for c, e in self.detail.electrons.items()}
+        variance = {c: e + self._added(c, e, present) for c, e in light.items()}
+        behind = [place for place in self.places if place[0] in present]
+        if not behind:
+            return float(light[self.channel] / math.sqrt(variance[self.channel]))
+        power, signal = self._mosaic(behind[0], light, variance)
+        for place in behind[1:] if behind[0] == self.places[0] else behind:
+            own, gain = self._step[place]
+            power, signal = power * own, signal * gain
+        return float(signal / math.sqrt(self.square.mean(power)))
+
+    def loss(self, present: frozenset[str]) -> float:
+        """dB."""
+        return 20 * math.log10(self.snr(frozenset()) / self.snr(present))
+
+    def _added(self, channel: str, light: float, present: frozenset[str]) -> float:
+        """Variance beside the shot noise of light, electron^2."""
+        charge = light + self.detail.dark
+        every = {n: stage.variance(charge) - (light if stage.role == SHOT else 0.0) for n, stage in self.detail.noisy().items()}
+        return sum(max(0.0, v) for n, v in every.items() if n in present)
+
+    def _mosaic(self, place: Place, light: Mapping[str, float], variance: Mapping[str, float]) -> tuple[Any, float]:
+        """Noise power and signal, of the demosaicer's picture or, without it, of full planes."""
+        if place != self.places[0]:
+            return np.full(self.square.weight.shape, variance[self.channel]), light[self.channel]
+        shares, level = self._carried[place]
+        power = sum(share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True))
+        return power, float(sum(part * light[str(self.detail.mask[p])] for part, p in zip(level, self.detail.order, strict=True)))
+
+    @cached_property
+    def _carried(self) -> dict[Place, tuple[Any, Any]]:
+        """By picture: (place, m, n) noise power for a variance of 1 at a place of the cell, (place,) signal for a mean of 1."""
+        found, count = {}, len(self.detail.order)
+        for place in self.places:
+            i, zero = _index(self.detail, place, self.channel), np.zeros(1)
+            power: Any = 0.0
+            level: Any = 0.0
+            for h, _, weight in self.detail.answers[place]:
+                sites = self.detail.sites(h.shape)
+                power = power + weight * np.abs(noise_power.spectra(h, sites, self.square.fy, self.square.fx)[:, i]) ** 2 / count
+                level = level + weight * noise_power.spectra(h, sites, zero, zero)[:, i, 0, 0].real / count
+            found[place] = (power, level)
+        return found
+
+    @cached_property
+    def _step(self) -> dict[Place, tuple[Any, float]]:
+        """By picture behind the first: noise power and signal over those of the picture in front."""
+        variance = {c: self.detail.variances(c) for c in self.detail.channels}
+        found, last = {}, None
+        for place in self.places:
+            shares, level = self._carried[place]
+            power = sum(share * variance[str(self.detail.mask[p])] for share, p in zip(shares, self.detail.order, strict=True))
+            signal = sum(a * self.detail.electrons[str(self.detail.mask[p])] for a, p in zip(level, self.detail.order, strict=True))
+            if last is not None:
+                seen = last[0] > 1e-9 * np.max(last[0])
+                found[place] = np.divide(power, last[0], out=np.ones_like(power), where=seen), float(signal / last[1])
+            last = power, signal
+        return found
+
+
+def _index(detail: FineDetail, place: Place, channel: str) -> int:
+    names = detail.names_of(place)
+    return names.index(channel) if channel in names else min(1, len(names) - 1)

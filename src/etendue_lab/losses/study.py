@@ -1,0 +1,246 @@
+"""``etendue losses``: what part of the lost contrast, signal-to-noise ratio and colour each stage of a camera is owed.
+
+In:  a pipeline as written, the reflectance of a grey card.
+Out: Shapley values by stage, what the camera would be without it, and pairs: predicted from the values, and as they are.
+
+A stage that is removed gives way to its ideal (decision 0026): a lens that spreads no light, a pixel that is a point, a source of noise
+that draws nothing, every channel at every pixel. What numerical error a stage brings is another question, see accuracy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.registry import Registry
+from etendue.contract.roles import Displaying
+from etendue.contract.stage import reads_of
+from etendue.errors import EtendueError, RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.planner import make_plan
+from etendue.session import Options, collect
+from etendue_camera.colour import difference
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.information.fine_detail import CHARGE, FineDetail, fine_detail
+from etendue_lab.losses.games import Contrast, Game, SignalToNoise
+from etendue_lab.losses.shapley import fewest, shares
+from etendue_lab.noise.flat_field import MOSAIC
+from etendue_lab.quality.figures import Shot
+from etendue_lab.quality.ideal import Ideal, ideal_of, origin_without
+
+ANALYTIC = 1024  # coalitions of what follows from figures: exact up to ten stages
+RUNS = 64  # coalitions that are run, unless told otherwise: exact up to six stages
+LINEAR = "rgb_linear"
+
+
+@dataclass
+class LossReport:
+    """Losses of a camera, and whose they are."""
+
+    pipeline: str
+    reflectance: float
+    games: list[Game] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        return {
+            "pipeline": self.pipeline, "reflectance": self.reflectance, "losses": [_document(game) for game in self.games],
+            "notes": self.notes,
+        }  # fmt: skip
+
+
+def losses(
+    pipeline: Pipeline,
+    registry: Registry,
+    reflectance: float = 0.18,
+    runs: int = RUNS,
+    seed: int = 0,
+    options: Options | None = None,
+    told: Callable[[str], None] = lambda text: None,
+) -> LossReport:
+    """Share out what a camera loses among its stages.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        A sweep is left out. Contrast and noise are those of a grey card in the place of its scene; colour is that of its own scene.
+    registry : Registry
+    reflectance : float
+        Of the card, above 0 and at most 1.
+    runs : int
+        Cameras that may be run for colour; 0: none. Exact where these are all sets of its stages, else random orders.
+    seed : int
+        Of random orders.
+    told : callable
+        Given a few words for each camera before it is run.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline or of these values; a camera that does not say how noisy it is.
+    """
+    if runs < 0 or seed < 0:
+        raise RequestError(f"--runs {runs} --seed {seed}: expected whole numbers from 0")
+    alone, taken = without_sweep(pipeline)
+    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    detail = fine_detail(alone, registry, reflectance, options, None, notes)
+    report = LossReport(pipeline.name, reflectance, notes=notes)
+    contrast = Contrast(detail)
+    snr = SignalToNoise(detail, _gains(detail, registry, options, notes))
+    report.games.append(
+        _game("contrast", "dB", "mean contrast up to Nyquist", contrast.players, contrast.loss, contrast.contrast, ANALYTIC, seed)
+    )
+    report.games.append(_game("SNR", "dB", "SNR of the grey card", snr.players, snr.loss, snr.snr, ANALYTIC, seed))
+    if runs:
+        _colour(report, alone, registry, runs, seed, options, told)
+    return report
+
+
+def _game(name: str, unit: str, figure: str, players: Any, loss: Any, figure_of: Any, most: int, seed: int) -> Game:
+    known: dict[frozenset[str], float] = {}
+
+    def once(present: frozenset[str]) -> float:
+        if present not in known:
+            known[present] = loss(present)
+        return known[present]
+
+    found, every = shares(once, players, most, seed), frozenset(players)
+    pairs = {}
+    for one, other in combinations(players, 2):
+        left = every - {one, other}
+        if found.orders and left not in known:
+            continue
+        pairs[one, other] = (found.of_pair(one, other), once(every) - once(left))
+    without = {name: figure_of(every - {name}) for name in players if not found.orders or every - {name} in known}
+    return Game(name, unit, figure, found, figure_of(frozenset()), figure_of(every), without, pairs)
+
+
+def _gains(detail: FineDetail, registry: Registry, options: Options | None, notes: list[str]) -> dict[str, float]:
+    """Share of the light that passes each stage that only takes light."""
+    found = {}
+    for node in detail.plan.nodes:
+        if node.is_transfer or not node.kind.pointwise or "irradiance" not in node.writes or node.name not in detail.before:
+            continue
+        if "irradiance" not in {v for _, _, v in node.inputs[0]}:
+            continue
+        try:
+            plan = make_plan(without_stages(detail.plan.pipeline, {node.name}), registry, leave_out_allowed=False)
+            ref = next((n.name, ()) for n in plan.nodes if CHARGE in n.writes)
+            charge = detail.window(collect(plan, {ref: (CHARGE,)}, options).arrays[ref][CHARGE])
+        except (EtendueError, KeyError) as error:
+            notes.append(f"{node.name}: what light it takes is not known ({str(error).splitlines()[0]})")
+            continue
+        own = sum(detail.signal()[str(detail.mask[p])] - detail.dark for p in detail.order) / len(detail.order)
+        found[node.name] = own / (float(charge.mean()) - detail.dark)
+    return found
+
+
+def without_stages(pipeline: Pipeline, out: Collection[str]) -> Pipeline:
+    """The pipeline without some stages that write what they read."""
+    stages = tuple(replace(e, origin=origin_without(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
+    return replace(pipeline, stages=stages, wanted=pipeline.wanted, lines={})
+
+
+# -- colour -------------------------------------------------------------------------------------------------------
+
+
+def _colour(
+    report: LossReport, pipeline: Pipeline, registry: Registry, runs: int, seed: int, options: Options | None, told: Callable[[str], None]
+) -> None:
+    try:
+        cameras = _Cameras(pipeline, registry, options, told)
+        least = min(2 ** len(cameras.players), fewest(len(cameras.players)))
+        if runs < least:
+            raise ValueError(f"{len(cameras.players)} stages take part, for which {least} cameras must be run: --runs {least}")
+        report.notes += [note for note in cameras.ideal.notes if note not in report.notes]
+        report.games.append(
+            _game("colour", "CIEDE2000^2", "rms CIEDE2000 to the ideal camera", cameras.players, cameras.loss, cameras.figure, runs, seed)
+        )
+    except (RequestError, ValueError) as error:
+        text = error.faults[0].message if isinstance(error, RequestError) and error.faults else str(error)
+        report.notes.append(f"colour is not shared out: {text}")
+
+
+class _Cameras:
+    """The same camera with some of its stages ideal, run in front of its own scene.
+
+    Mosaic, noise, converter, what works on the mosaic and the demosaicer are one: the ideal camera has every channel at every pixel in the
+    place of them all.
+    """
+
+    def __init__(self, pipeline: Pipeline, registry: Registry, options: Options | None, told: Callable[[str], None]) -> None:
+        self.pipeline, self.registry, self.options, self.told = pipeline, registry, options, told
+        self.ideal: Ideal = ideal_of(pipeline, registry)
+        demosaic = next(iter(self.ideal.replaced))
+        self.mosaic = f"mosaic to {demosaic}"
+        kinds = {e.name: registry.load(e.use) for e in pipeline.stages if e.use in registry}
+        on_it = {n for n, kind in kinds.items() if MOSAIC in {d.variable for d in reads_of(kind).values()}}
+        self.beside = frozenset(on_it & set(self.ideal.left_out))
+        self.players = (*(n for n in self.ideal.left_out if n not in self.beside), self.mosaic)
+        self.pictures: dict[frozenset[str], Any] = {}
+        self.reference = self._lab(frozenset())
+
+    def loss(self, present: frozenset[str]) -> float:
+        """Mean of the squared colour difference to the ideal camera: of errors that know nothing of each other it is a sum."""
+        if present not in self.pictures:
+            apart = difference.delta_e_2000(self._lab(present), self.reference) if present else np.zeros(1)
+            self.pictures[present] = float(np.mean(np.square(apart)))
+        return float(self.pictures[present])
+
+    def figure(self, present: frozenset[str]) -> float:
+        return math.sqrt(self.loss(present))
+
+    def _lab(self, present: frozenset[str]) -> Any:
+        self.told(f"the camera with {', '.join(n for n in self.players if n in present) or 'nothing'} as it is, and all else ideal")
+        if self.mosaic in present:
+            camera = without_stages(self.pipeline, set(self.ideal.left_out) - present - self.beside)
+        else:
+            camera = ideal_of(self.pipeline, self.registry, keep=present - {self.mosaic}).pipeline
+        plan = make_plan(replace(camera, wanted=None, keep=None, faults=()), self.registry)
+        node = next((n for n in reversed(plan.nodes) if LINEAR in n.writes), None)
+        if node is None:
+            raise ValueError("no stage writes rgb_linear: put 'display' behind the demosaicer")
+        plan = make_plan(replace(camera, wanted=(f"{node.name}.{LINEAR}",), keep=None, faults=()), self.registry)
+        found = collect(plan, {(node.name, ()): (LINEAR,)}, self.options)
+        failed = next((r for r in found.reports.values() if r.status == "failed"), None)
+        if failed is not None:
+            raise ValueError(f"the stage {failed.stage!r} broke off: {failed.message.splitlines()[-1]}")
+        stages = (plan.cells[n.name, ()].stage for n in reversed(plan.nodes) if LINEAR in n.writes)
+        display = next((stage for stage in stages if isinstance(stage, Displaying)), None)
+        if display is None:
+            raise ValueError("no stage says which primaries the display has")
+        matrix = np.asarray(display.to_xyz())
+        shot = Shot(None, rgb_linear=np.asarray(found.arrays[node.name, ()][LINEAR], np.float64), to_xyz=matrix)
+        return difference.lab(shot.xyz(), matrix.sum(axis=1))
+
+
+# -- JSON ---------------------------------------------------------------------------------------------------------
+
+
+def _document(game: Game) -> dict[str, Any]:
+    found = game.shares
+    stages = [
+        {
+            "stage": name, "loss": float(found.values[i]), "share": float(found.values[i] / found.gross) if found.gross else math.nan,
+            "standard_error": float(found.errors[i]), "figure_without": game.without.get(name, math.nan),
+        }
+        for i, name in enumerate(found.players)
+    ]  # fmt: skip
+    pairs = [
+        {
+            "stages": [one, other], "interaction": float(found.interactions[found.order[one], found.order[other]]),
+            "predicted": predicted, "found": lost,
+        }
+        for (one, other), (predicted, lost) in game.pairs.items()
+    ]  # fmt: skip
+    return {
+        "what": game.name, "unit": game.unit, "figure": game.figure, "ideal": game.ideal, "camera": game.camera, "loss": found.total,
+        "lost_before_gains": found.gross,
+        "stages": stages, "pairs": pairs, "coalitions": found.coalitions, "orders": found.orders or None,
+    }  # fmt: skip

@@ -1,0 +1,53 @@
+"""What stages of a camera are owed of its losses, on the terminal.
+
+In:  the document of a study of losses.
+Out: a table for each loss, and how well pairs are predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from etendue.present.terminal.terminal import _out, _table, escape
+
+PAIRS = 3  # with the strongest interactions, that are named
+
+
+def print_losses(document: dict[str, Any]) -> None:
+    """Shares of contrast, signal-to-noise ratio and colour."""
+    console = _out()
+    console.print(f"{document['pipeline']}: what each stage is owed of the losses, against the camera with ideal stages")
+    for loss in document["losses"]:
+        columns = (("stage", "left"), ("of what is lost", "right"), (f"loss [{loss['unit']}]", "right"), ("without it", "right"))
+        table = _table(
+            f"{loss['what']}: {loss['figure']} {loss['camera']:.4g}, ideal {loss['ideal']:.4g}; loss {loss['loss']:.4g} {loss['unit']}",
+            *columns,
+        )
+        for row in loss["stages"]:
+            error = "" if not loss["orders"] or row["standard_error"] is None else f" +- {row['standard_error']:.1g}"
+            table.add_row(row["stage"], _percent(row["share"]), f"{row['loss']:.3f}{error}", _figure(row["figure_without"]))
+        console.print(table)
+        how = f"{loss['orders']} random orders" if loss["orders"] else "all sets of stages"
+        console.print(f"  shares from {how}: {loss['coalitions']} cameras")
+        if loss["pairs"] and loss["lost_before_gains"]:
+            worst = max(abs(pair["predicted"] - pair["found"]) for pair in loss["pairs"])
+            console.print(
+                f"  what two stages lose together is predicted within {100 * worst / loss['lost_before_gains']:.1f} % of what is lost; "
+                f"most between {_strongest(loss)}"
+            )
+    for note in document["notes"]:
+        console.print(f"note: {escape(note)}")
+
+
+def _strongest(loss: dict[str, Any]) -> str:
+    pairs = sorted(loss["pairs"], key=lambda pair: -abs(pair["interaction"]))[:PAIRS]
+    return ", ".join(f"{escape(' and '.join(pair['stages']))} ({pair['interaction']:+.2g})" for pair in pairs)
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None or math.isnan(share) else f"{100 * share:.1f} %"
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.4g}"

@@ -1,0 +1,227 @@
+"""A photograph as numbers that are proportional to light: what the file holds, decoded; the mosaic of a raw file.
+
+In:  a path; how its values are encoded.
+Out: planes in linear light, the file's own numbers, its scale, the sites of each colour of a mosaic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue import plain_files
+from etendue.errors import RequestError
+from etendue_camera.colour import encoding as transfer
+from etendue_camera.picture_files import check_directories, read_picture
+from etendue_camera.quality.block_coding import BLOCK, coded
+
+ENCODINGS = ("sRGB", "BT.709", "linear")
+CHANNELS = ("luminance", "red", "green", "blue")
+PLANES = ("red", "green", "blue")
+RAW = frozenset(
+    {".dng", ".nef", ".nrw", ".cr2", ".cr3", ".crw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw", ".3fr", ".iiq", ".x3f"}
+)
+MOST_PIXELS = 160_000_000  # Pillow opens no more than 179 million
+INSTALL = "pip install 'etendue[raw]'"
+LINEARISED: dict[str, Any] = {"sRGB": transfer.srgb_decode, "BT.709": transfer.bt709_decode, "linear": lambda values: values}
+
+ENCODED: dict[str, Any] = {"sRGB": transfer.srgb_encode, "BT.709": transfer.bt709_encode, "linear": lambda values: values}
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A picture file that is open to be measured; pixels are counted from 0 at the upper left."""
+
+    path: Path
+    values: Any  # (rows, columns, 1 or 3), the file's own numbers; of a raw file (rows, columns, 1), above black
+    full: float  # of them, at the end of the scale
+    encoding: str  # of ENCODINGS
+    weights: tuple[float, ...]  # of red, green and blue in luminance
+    notes: tuple[str, ...] = ()
+    colours: Any = None  # (rows, columns): letters of a mosaic; None where every pixel has all channels
+    black: float = 0.0  # of a raw file, in its numbers; taken off
+    table: Any = None  # (8, 8): steps of the cosine transform by which a JPEG holds its brightness; None of other files
+
+    @property
+    def rows(self) -> int:
+        return int(self.values.shape[0])
+
+    @property
+    def columns(self) -> int:
+        return int(self.values.shape[1])
+
+    @property
+    def is_raw(self) -> bool:
+        return self.colours is not None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What its channels are called."""
+        if self.is_raw:
+            return tuple(name for name, letter in zip(PLANES, "RGB", strict=True) if letter in self._letters) or ("grey",)
+        return PLANES if self.values.shape[2] == 3 else ("grey",)
+
+    @cached_property
+    def _letters(self) -> frozenset[str]:
+        return frozenset(np.unique(self.colours).tolist())
+
+    def channel(self, asked: str | None) -> str:
+        """The channel that is measured where one is.
+
+        Raises
+        ------
+        RequestError
+            The picture does not have it.
+        """
+        if self.names == ("grey",):
+            if asked in PLANES:
+                raise RequestError(f"--channel {asked}: {self.path.name} is grey; leave --channel out")
+            return "grey"
+        if asked is None:
+            return "green" if self.is_raw else "luminance"
+        if self.is_raw and asked == "luminance":
+            raise RequestError("--channel luminance: pixels of a raw file have one colour each; give red, green or blue")
+        return asked
+
+    def linear(self, channel: str, cut: Any = np.s_[:]) -> tuple[Any, Any]:
+        """A part of a channel in linear light (y, x), 1 at full scale, and which pixels hold it; None: all."""
+        part = self.values[cut]
+        if self.is_raw:
+            return part[..., 0] / self.full, self.sites(channel, cut)
+        if channel == "luminance":
+            return sum(weight * self._decoded(part[..., i]) for i, weight in enumerate(self.weights)), None
+        return self._decoded(part[..., max(self.names.index(channel), 0)]), None
+
+    def sites(self, channel: str, cut: Any = np.s_[:]) -> Any:
+        """Which pixels of a mosaic have a colour; None: all."""
+        if not self.is_raw or self.names == ("grey",):
+            return None
+        return self.colours[cut] == channel[0].upper()
+
+    def step(self, level: float) -> float:
+        """Between neighbouring numbers of the file in linear light, about a level of it; 0 where numbers are no whole ones."""
+        if self.is_raw:
+            return 1 / self.full
+        if self.values.dtype.kind == "f":
+            return 0.0
+        each = 0.5 / self.full
+        encoded = float(np.clip(ENCODED[self.encoding](np.array(level)), each, 1 - each))
+        below, above = LINEARISED[self.encoding](np.array([encoded - each, encoded + each]))
+        return float(above - below)
+
+    @property
+    def lossy(self) -> bool:
+        """Whether the file holds cosine transforms of blocks, rounded."""
+        return self.table is not None
+
+    def written(self, linear: Any, rng: np.random.Generator) -> Any:
+        """A plane in linear light as a file like this one gives it back, at some place of its blocks, its levels between its numbers."""
+        encoded = self.full * ENCODED[self.encoding](np.clip(linear, 0.0, 1.0))
+        dark, bright = np.percentile(encoded[::2, ::2], (5, 95))
+        encoded += np.interp(encoded, (dark, max(bright, dark + 1)), rng.uniform(-0.5, 0.5, 2))
+        down, right = (int(one) for one in rng.integers(0, BLOCK, 2))
+        return self._light[coded(encoded, self.table, (down, right)).astype(np.intp)]
+
+    @cached_property
+    def _light(self) -> Any:
+        """Of each number of 8 bits."""
+        return self._decoded(np.arange(256))
+
+    def planes(self, cut: Any = np.s_[:]) -> Any:
+        """All channels in linear light, (channel, y, x)."""
+        return self._decoded(np.moveaxis(self.values[cut], -1, 0))
+
+    def clipped(self, cut: Any = np.s_[:]) -> Any:
+        """(y, x): pixels of which a channel is at an end of its scale; of a raw file at the upper one, below which noise is whole."""
+        part = self.values[cut]
+        top = (part >= self.full).any(-1)
+        return top if self.is_raw else top | (part <= 0).any(-1)
+
+    def _decoded(self, values: Any) -> Any:
+        return LINEARISED[self.encoding](np.asarray(values, np.float64) / self.full)
+
+
+def open_photograph(path: Path, encoding: str, weights: tuple[float, ...]) -> Photograph:
+    """A PNG, JPEG or TIFF file, or a raw file by way of LibRaw.
+
+    Raises
+    ------
+    RequestError
+        No such file, no picture, a kind of picture that is not measured, a raw file without rawpy.
+    """
+    if not path.exists():
+        raise RequestError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise RequestError(f"{path}: a folder; expected a picture: PNG, JPEG, TIFF or a raw file")
+    try:
+        plain_files.check_plain(path)
+    except OSError as error:
+        raise RequestError(f"{path}: {error.strerror}; expected a picture: PNG, JPEG, TIFF or a raw file") from None
+    if path.suffix.lower() in RAW:
+        return _raw(path, weights)
+    try:
+        found = read_picture(str(path), MOST_PIXELS)
+    except ValueError as error:
+        raise RequestError(str(error)) from None
+    return Photograph(path, found.values, found.full, encoding, weights, (found.note,) if found.note else (), table=found.table)
+
+
+def reader() -> Any:
+    """rawpy.
+
+    Raises
+    ------
+    RequestError
+        It is not installed.
+    """
+    try:
+        import rawpy
+    except ImportError:
+        raise RequestError(f"a raw file needs rawpy, which is not installed: {INSTALL}") from None
+    return rawpy
+
+
+def _raw(path: Path, weights: tuple[float, ...]) -> Photograph:
+    """The mosaic above its black level, not demosaiced, as the sensor lies."""
+    rawpy = reader()
+    try:
+        check_directories(path)
+        with rawpy.imread(str(path)) as file:
+            mosaic = file.raw_image_visible
+            if mosaic is None or mosaic.ndim != 2:
+                raise RequestError(f"{path.name} holds no mosaic but pictures of all colours; save it as 16-bit TIFF")
+            index = np.array(file.raw_colors_visible)
+            letters = np.array(list(file.color_desc.decode("ascii", "replace")))
+            black = np.array(file.black_level_per_channel, float)
+            values = mosaic.astype(np.float64) - black[np.minimum(index, len(black) - 1)]
+            white = float(file.white_level)
+            colours = np.full(index.shape, "W") if file.num_colors == 1 else letters[index]
+    except RequestError:
+        raise
+    except Exception as error:
+        raise RequestError(f"{path} cannot be read as a raw file: {_told(error)}") from None
+    if not white > black.max():
+        raise RequestError(f"{path.name} has white level {white:g} and black level {black.max():g}: no scale to measure on")
+    return Photograph(path, values[..., None], white - float(black.max()), "linear", weights, (), colours, float(black.mean()))
+
+
+def developed(path: Path) -> Any:
+    """(rows, columns, 3): a raw file as LibRaw makes linear sRGB of it, white balance of the camera, 1 at the white level."""
+    rawpy = reader()
+    try:
+        with rawpy.imread(str(path)) as file:
+            return file.postprocess(
+                gamma=(1, 1), no_auto_bright=True, output_bps=16, use_camera_wb=True, output_color=rawpy.ColorSpace.sRGB, user_flip=0
+            )  # fmt: skip
+    except Exception as error:
+        raise RequestError(f"{path.name} cannot be developed by LibRaw: {_told(error)}") from None
+
+
+def _told(error: Exception) -> str:
+    """What LibRaw says, which has a class for each of its refusals."""
+    text = next((one.decode("ascii", "replace") for one in error.args if isinstance(one, bytes)), str(error))
+    return " ".join(text.split())[:150]

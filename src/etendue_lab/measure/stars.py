@@ -1,0 +1,61 @@
+"""MTF of Siemens stars in a photograph, with an interval.
+
+In:  a photograph, the middle and radius of a star.
+Out: a row of figures with their curve.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from etendue.errors import RequestError
+from etendue_camera.resolution.star_interval import count_cycles, star_resolution
+from etendue_lab.measure.photograph import Photograph
+from etendue_lab.measure.regions import Circle, circle
+
+ROOM = 2  # pixels about the star
+
+
+def measured_star(photograph: Photograph, text: str, channel: str, cycles: int | None, confidence: float) -> dict[str, Any]:
+    """One star.
+
+    Raises
+    ------
+    RequestError
+        A star outside the picture, or none that can be measured there.
+    """
+    place = circle("--star", text, photograph.columns, photograph.rows)
+    left, top = (max(math.floor(one - place.radius) - ROOM, 0) for one in (place.x, place.y))
+    right, bottom = (math.ceil(one + place.radius) + ROOM + 1 for one in (place.x, place.y))
+    cut = np.s_[top:bottom, left:right]
+    image, sites = photograph.linear(channel, cut)
+    try:
+        found = star_resolution(
+            image, (place.y - top, place.x - left), place.radius, cycles=cycles, sites=sites, confidence=confidence
+        )  # fmt: skip
+    except ValueError as error:
+        reason = str(error).partition("; allowed is")[0].removeprefix("picture ")
+        raise RequestError(f"--star {place}: {reason}{_cycles(image, place, (left, top), sites, cycles)}") from None
+    response = found.response
+    return {
+        "star": f"{left + response.centre[1]:.2f},{top + response.centre[0]:.2f},{place.radius:g}", "channel": channel,
+        "cycles": found.cycles, "mtf50": response.mtf50, "mtf50_low": found.mtf50_low, "mtf50_high": found.mtf50_high,
+        "mtf10": response.mtf10, "mtf10_low": found.mtf10_low, "mtf10_high": found.mtf10_high, "contrast": response.contrast,
+        "clipped": float(photograph.clipped(cut).mean()),
+        "flags": [name for name in ("above_nyquist", "not_reached") if getattr(response, name)],
+        "frequency": response.frequency.tolist(), "sfr": response.sfr.tolist(), "doubt": response.doubt.tolist(),
+    }  # fmt: skip
+
+
+def _cycles(image: Any, place: Circle, first: tuple[int, int], sites: Any, given: int | None) -> str:
+    """What to try with the number of cycles."""
+    if given is None:
+        return "; --cycles N says how many periods it has in a turn"
+    try:
+        found = count_cycles(image, (place.y - first[1], place.x - first[0]), place.radius, sites)
+    except ValueError:
+        return ""
+    return f" of {given} cycles; {found} are counted: leave --cycles out" if found != given else ""

@@ -1,0 +1,1 @@
+"""Noise behind every stage of a camera, predicted and found."""

@@ -1,0 +1,163 @@
+"""``etendue noise``: noise carried through a camera's stages, predicted and found, of a flat grey scene.
+
+In:  a pipeline as written, the reflectance of its flat scene, a number of frames.
+Out: for each stage behind the linearised mosaic the standard deviation of every channel, the correlation between channels and
+     between neighbours: predicted from the camera's own figures and found in frames of noise.
+
+Prediction: the variance of a pixel of the mosaic follows from what the stages in front of it say of their noise (`Noisy`: shot noise,
+read noise, fixed patterns, rounding) and from the mosaic's scale (`Scaled`); what the later stages make of it follows from what they
+answer to a small step of one pixel at each place of the colour filter array, so that it holds for any stage, plugins too; answers and
+variances are taken at several places of the frame, as a correction of shading has its own gain at each. The prediction is linear about
+the flat field: a stage that adapts to its picture, such as an adaptive demosaicer, adapts to real noise as well, and then the two columns
+differ. Defective pixels are left out: they are no noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.ports import Progress
+from etendue.contract.registry import Registry
+from etendue.contract.roles import Noisy, Scaled
+from etendue.contract.stage import writes_of
+from etendue.errors import RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.session import Options, execute
+from etendue_camera.colour import noise_propagation as propagation
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.noise.flat_field import MOSAIC, FlatField, another, followed, in_front_of_grey
+from etendue_lab.noise.report import NoiseReport, StageNoise
+
+FULL = 0.001  # share of clipped pixels from which noise is cut off
+TREND = 4  # degree of what is taken off before noise is measured: fall-off over a wide field is no noise
+
+
+def noise(
+    pipeline: Pipeline,
+    registry: Registry,
+    reflectance: float = 0.18,
+    frames: int = 4,
+    options: Options | None = None,
+    progress: Callable[[Plan], Progress] | None = None,
+) -> NoiseReport:
+    """Predict and measure the noise of a camera behind every stage.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Its scene is replaced by a flat one of the same size and light; a sweep is left out.
+    registry : Registry
+    reflectance : float
+        Of the flat scene, above 0 and at most 1.
+    frames : int
+        How many frames of noise, at least 1, each with fixed patterns of its own.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline; a camera without a mosaic, or a picture too small to measure in.
+    """
+    if not 0 < reflectance <= 1:
+        raise RequestError(f"--reflectance {reflectance:g}: expected a number above 0 and at most 1")
+    if frames < 1:
+        raise RequestError(f"--frames {frames}: expected at least 1")
+    alone, taken = without_sweep(pipeline)
+    notes = [f"instead of a sweep: {', '.join(f'{key} = {value}' for key, value in taken.items())}"] if taken else []
+    flat = in_front_of_grey(alone, registry, reflectance)
+    plan = make_plan(flat, registry, leave_out_allowed=False)
+    chosen = followed(plan, notes, "noise", pipeline.file)
+    wanted = tuple(f"{n.name}.{v}" for n in plan.nodes for v in n.writes if v in (*chosen, MOSAIC, "expected_charge") and not n.is_probe)
+    notes += plan.warnings
+    flat = replace(flat, wanted=wanted, keep=None, precision="float64")
+    runs = [make_plan(another(flat, number), registry, leave_out_allowed=False) for number in range(frames)]
+    outcomes = [execute(run, None, options, progress(run) if progress else None) for run in runs]
+    for outcome in outcomes:
+        if outcome.failed:
+            report = outcome.failed[0]
+            raise RequestError(f"the stage {report.stage!r} broke off: {report.message.splitlines()[-1]}", pipeline.file)
+    if not any(n.is_random for n in runs[0].nodes):
+        raise RequestError("no stage of the pipeline draws noise: there is none to follow", pipeline.file)
+    first = next(n for n in runs[0].nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
+    arrays = [{ref: found for ref, found in outcome.arrays.items()} for outcome in outcomes]
+    return _Measurement(runs[0], first, arrays, notes).report(flat, reflectance)
+
+
+class _Measurement(FlatField):
+    """What is predicted and found behind one node."""
+
+    def report(self, pipeline: Pipeline, reflectance: float) -> NoiseReport:
+        mosaics = [self.window(a[self.ref][MOSAIC]) for a in self.arrays]
+        found: dict[tuple[int, int], float] = {}
+        by_place: dict[tuple[int, int], Any] = {}
+        for y, x in np.ndindex(self.mask.shape):
+            planes = np.stack([m[y :: self.mask.shape[0], x :: self.mask.shape[1]] for m in mosaics])
+            by_place[y, x] = propagation.without_trend(planes, TREND)
+            free = 1 - propagation.terms(TREND) / planes[0].size  # independent noise: the trend took its share of the pixels
+            found[y, x] = float(np.mean(by_place[y, x] ** 2)) / free
+        model = self.model(self.signal())
+        if not model:
+            self.notes.append(f"{self.unsaid()}: predictions start from what was found")
+        mosaic: dict[str, tuple[float | None, float, float]] = {}
+        for channel in dict.fromkeys(str(c) for c in self.mask.ravel()):
+            own = [p for p in by_place if str(self.mask[p]) == channel]
+            error = propagation.standard_error_of_variance(np.concatenate([by_place[p][:, None] for p in own]), block=8)[0]
+            value = float(np.mean([found[p] for p in own])) ** 0.5
+            mosaic[channel] = (model[channel] ** 0.5 if model else None, value, float(error) / (2 * value) if value else 0.0)
+        codes = self._codes()
+        if codes and min(value for _, value, _ in mosaic.values()) * codes < 0.5:
+            least = min(value for _, value, _ in mosaic.values()) * codes
+            self.notes.append(f"noise is {least:.2g} DN: rounding of so little is no noise of its own, and the mosaic's prediction is off")
+        full = float(np.mean([np.mean(m >= 0.999) for m in mosaics]))
+        if full > FULL:
+            self.notes.append(
+                f"{100 * full:.2g} % of the pixels are full or at the top code: their noise is cut off, which no prediction knows"
+            )
+        report = NoiseReport(pipeline.name, reflectance, len(self.arrays), self.signal(), mosaic, notes=self.notes)
+        flat = self.flat_mosaic(mosaics)
+        for (stage, variable), answers in self.responses(flat, found, bool(model)).items():
+            report.rows.append(self._row(stage, variable, answers))
+        return report
+
+    def _codes(self) -> float:
+        """Digital numbers between black and 1, from what rounding adds; 0 without a converter."""
+        scale = self.before[self.first.name]
+        codes = [s for s in self.before.values() if isinstance(s, Noisy) and any(d.dtype != "float" for d in writes_of(type(s)).values())]
+        return scale.electrons() / (12 * codes[0].variance(0.0)) ** 0.5 if codes and isinstance(scale, Scaled) else 0.0
+
+    def _row(self, stage: str, variable: str, answers: list[tuple[Any, Any, float]]) -> StageNoise:
+        labels = self.plan.cells[(stage, ())].grids[variable]["channel"]
+        names = tuple(str(v) for v in labels.values())
+        frames = np.stack([self.window(a[(stage, ())][variable]) for a in self.arrays])
+        noise_of = propagation.without_trend(self._without_pattern(frames), TREND)
+        slow = sum(w * propagation.slow_covariance(h, v) for h, v, w in answers)
+        taken = slow * propagation.terms(TREND) / frames[0, 0].size  # what the trend took with it
+        carried, beside = (
+            np.asarray(sum(w * propagation.carried_covariance(h, v, lag) for h, v, w in answers)) for lag in ((0, 0), (0, 1))
+        )
+        found, found_beside = (propagation.found_covariance(noise_of, lag) + taken for lag in ((0, 0), (0, 1)))
+        spreads = np.diag(carried), np.diag(found)
+        shared = [propagation.correlation(c, s) for c, s in zip((carried, found), spreads, strict=True)]
+        next_to = [propagation.correlation(c, s) for c, s in zip((beside, found_beside), spreads, strict=True)]
+        errors = propagation.standard_error_of_variance(noise_of)
+        pairs = [(i, j) for i in range(len(names)) for j in range(i + 1, len(names))]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found_error = errors / (2 * np.sqrt(spreads[1]))
+        return StageNoise(
+            stage, variable, names, np.sqrt(spreads[0]).tolist(), np.sqrt(spreads[1]).tolist(), found_error.tolist(),
+            {f"{names[i]} {names[j]}": (float(shared[0][i, j]), float(shared[1][i, j])) for i, j in pairs},
+            [(float(next_to[0][i, i]), float(next_to[1][i, i])) for i in range(len(names))],
+        )  # fmt: skip
+
+    def _without_pattern(self, frames: Any) -> Any:
+        """Minus what repeats with the cell: a demosaicer may leave the mosaic's own pattern on a flat field."""
+        mean = frames.copy()
+        for y, x in np.ndindex(self.mask.shape):
+            place = (..., slice(y, None, self.mask.shape[0]), slice(x, None, self.mask.shape[1]))
+            mean[place] -= mean[place].mean(axis=(-2, -1), keepdims=True)
+        return mean

@@ -1,0 +1,1 @@
+"""A camera against the ideal camera of the same scene."""

@@ -1,0 +1,220 @@
+"""The ideal camera of the same scene: the same pipeline with a perfect lens, without noise, converter and mosaic.
+
+In:  a pipeline as written.
+Out: another pipeline, what was left out of it, and what a comparison with it should say.
+
+Left out is what spreads or moves light in front of the pixel (blur, aberrations, distortion, glare, the low-pass filter), what
+works on camera primaries behind the demosaicer (sharpening, denoising: the ideal picture needs none), and what finds white on
+the mosaic or balances it there: the ideal camera knows the white of its light. In the demosaicer's place stand three stages, for every
+channel at every pixel: no mask, an ideal exposure, no demosaicing; what the demosaicer alone read is then not computed. What stays: the
+scene, how much light arrives where, the pixel with its aperture and diffusion, crosstalk behind the filters, colour, encoding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from etendue.contract.capabilities import ends_in_sum, is_transfer
+from etendue.contract.registry import Registry
+from etendue.contract.roles import DISTORTION, LENS, RESTORING, SHADING, InSilicon
+from etendue.contract.stage import Stage, parameters_of, reads_of, writes_of
+from etendue.errors import Fault, RequestError, nearest
+from etendue.pipeline.file import Pipeline, StageEntry
+from etendue_lab.compare.axis import without_sweep
+from etendue_lab.compare.branches import Reference, nodes_of, writer
+
+TIME = "integration_time"
+PLANES = {"photocurrent", "mosaic_linear", "clipping_level"}  # what stands for the mosaic is written for all channels
+Kinds = Mapping[str, type[Stage] | None]
+
+
+@dataclass(frozen=True)
+class Ideal:
+    """The ideal camera of a pipeline."""
+
+    pipeline: Pipeline
+    left_out: tuple[str, ...]  # names of stages
+    replaced: Mapping[str, str]  # name of the stage -> what stands there now
+    notes: tuple[str, ...]
+
+
+def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = (), keep: Collection[str] = ()) -> Ideal:
+    """Build the ideal camera of a pipeline.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        As written; its faults are the planner's to find.
+    registry : Registry
+    without : names of stages
+        Also left out, such as ``diffusion``.
+    keep : names of stages
+        Not left out, though they spread light.
+
+    Raises
+    ------
+    RequestError
+        The pipeline has no pixel stage or no demosaicer, or a name is none of its stages.
+    """
+    kinds = {entry.name: _kind(entry, registry) for entry in pipeline.stages}
+    _check_names(pipeline, {"--without": without, "--keep": keep}, kinds)
+    pixel = _first(pipeline, lambda e: "photon_rate" in _writes(kinds, e))
+    demosaic = _first(pipeline, lambda e: "rgb_camera" in _writes(kinds, e) - _reads(kinds, e))
+    if pixel is None or demosaic is None:
+        lacking = "no stage that writes photon_rate" if pixel is None else "no demosaicer (nothing writes rgb_camera)"
+        raise RequestError(f"the pipeline has {lacking}: there is no picture to compare with that of the ideal camera", pipeline.file)
+    names = [entry.name for entry in pipeline.stages]
+    shaded = _shading_corrected(pipeline, kinds)
+    out: dict[str, str] = {}  # name -> why
+    for entry in pipeline.stages:
+        why = _why_out(entry, kinds, names, pixel, demosaic, shaded)
+        if (why and entry.name not in keep) or entry.name in without:
+            out[entry.name] = why or "asked for"
+    made = _planes(pipeline, kinds, out, demosaic, registry)
+    last = made.added[-1]
+    replaced = {demosaic: last.use} | made.stands
+    entries: list[StageEntry] = []
+    own: dict[str, str] = {}  # which stage of the camera wrote last what the planes have too
+    for entry in (e for e in pipeline.stages if e.name not in out and e.name not in made.stands):
+        if entry.name == demosaic:
+            entries += [*made.added[:-1], replace(entry, use=last.use, values={}, origin=last.origin)]
+            continue
+        kind = kinds[entry.name]
+        bound = {port: own[d.variable] for port, d in reads_of(kind).items() if d.variable in own} if kind else {}
+        entries.append(replace(entry, origin=bound | origin_without(pipeline, entry, {*out, *made.stands})))
+        own |= dict.fromkeys(_writes(kinds, entry) & PLANES, entry.name)
+    ideal = replace(
+        pipeline,
+        stages=tuple(entries),
+        camera=_asked_for(pipeline.camera, entries, registry),
+        sweep=_asked_for(_still_there(pipeline.sweep, out, replaced), entries, registry),
+        wanted=None,
+        keep=None,
+        lines={},
+    )
+    return Ideal(ideal, tuple(out), replaced, (*_notes(pipeline, kinds, out, shaded), *made.notes))
+
+
+def _why_out(entry: StageEntry, kinds: Kinds, names: list[str], pixel: str, demosaic: str, shaded: bool) -> str:
+    """The reason why a stage is none of the ideal camera's; '' where it is one."""
+    kind, own = kinds[entry.name], _reads(kinds, entry) & _writes(kinds, entry)
+    if kind is None:
+        return ""
+    before_pixel = names.index(entry.name) < names.index(pixel)
+    if before_pixel and "irradiance" in own and not issubclass(kind, InSilicon):
+        gain_only = kind.pointwise or "white_irradiance" in own
+        if not gain_only and not (is_transfer(kind) and ends_in_sum(kind)):
+            return "the lens"
+        if shaded and kind.pointwise and "white_irradiance" not in own:
+            return "shading, which the camera corrects"
+    if names.index(entry.name) > names.index(demosaic) and "rgb_camera" in own and not _ends_a_dim(kind):
+        return "work on the demosaiced picture"
+    if "white" in _writes(kinds, entry) and "mosaic_linear" in _reads(kinds, entry) and any(_knows_white(kinds, n) for n in names):
+        return "white found on the mosaic"
+    return ""
+
+
+def _knows_white(kinds: Kinds, name: str) -> bool:
+    """Whether a stage finds white without looking at the picture."""
+    kind = kinds[name]
+    return kind is not None and "white" in writes_of(kind) and not {"mosaic_linear", "raw"} & {d.variable for d in reads_of(kind).values()}
+
+
+def _ends_a_dim(kind: type[Stage]) -> bool:
+    """Whether a stage makes one picture of several frames: without it, there is none."""
+    reads, writes = ({d.variable: d.dims for d in of(kind).values()} for of in (reads_of, writes_of))
+    return reads["rgb_camera"] != writes["rgb_camera"]
+
+
+def _planes(pipeline: Pipeline, kinds: Kinds, out: Collection[str], demosaic: str, registry: Registry) -> Reference:
+    """The stages of every channel at every pixel, for the camera without what is left out, at the first values of its sweep."""
+    there = tuple(replace(e, origin=origin_without(pipeline, e, out)) for e in pipeline.stages if e.name not in out)
+    alone, _ = without_sweep(replace(pipeline, stages=there, sweep=_still_there(pipeline.sweep, out, {})))
+    nodes = nodes_of(replace(alone, lines={}), registry)
+    swept = {key.rpartition(".")[0] for key in pipeline.sweep}
+    needless = [name for name, kind in kinds.items() if name in swept or (kind is not None and kind.role in (SHADING, *RESTORING))]
+    made, light = Reference(alone, nodes, "", registry), writer(nodes, "photon_rate")
+    assert light is not None
+    made.planes(light, next(node for node in nodes if node.name == demosaic), needless)
+    return made
+
+
+def _notes(pipeline: Pipeline, kinds: Kinds, out: Mapping[str, str], shaded: bool) -> list[str]:
+    notes = []
+    roles = {name: kind.role for name, kind in kinds.items() if kind is not None}
+    moved = [name for name in out if roles.get(name) == DISTORTION]
+    if moved:
+        notes.append(
+            f"{', '.join(moved)} moves the picture and the ideal camera does not: figures pixel by pixel count that as error "
+            f"(--keep {moved[0]} gives the ideal camera the same geometry)"
+        )
+    if shaded:
+        notes.append("the camera corrects shading, so the ideal one has none")
+    if _first(pipeline, lambda e: TIME in _writes(kinds, e) and _reads(kinds, e) and e.name not in out):
+        notes.append("the ideal camera meters for itself, on its own sharper light")
+    unknown = [name for name, why in out.items() if why == "the lens" and roles.get(name) not in LENS]
+    if unknown:
+        notes.append(f"{', '.join(unknown)} is taken for a part of the lens; --keep {unknown[0]} where it is not")
+    return notes
+
+
+def _shading_corrected(pipeline: Pipeline, kinds: Kinds) -> bool:
+    correcting = [e for e in pipeline.stages if "mosaic_linear" in _reads(kinds, e) & _writes(kinds, e)]
+    return any(kind is not None and kind.role == SHADING for kind in (kinds[e.name] for e in correcting))
+
+
+# -- what stays as it was written ---------------------------------------------------------------------------------
+
+
+def origin_without(pipeline: Pipeline, entry: StageEntry, out: Collection[str]) -> dict[str, str]:
+    """``from`` without the stages that are gone: what those read, or the nearest writer."""
+    by_name = {e.name: e for e in pipeline.stages}
+    found = {}
+    for port, source in entry.origin.items():
+        while source in out:
+            source = by_name[source].origin.get(port, "")
+        if source:
+            found[port] = source
+    return found
+
+
+def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mapping[str, str]) -> dict[str, Any]:
+    return {key: value for key, value in sweep.items() if key.partition(".")[0] not in {*out, *replaced} or "." not in key}
+
+
+def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
+    """Of camera quantities those that a stage takes; keys of stages as they are."""
+    kinds = [_kind(entry, registry) for entry in entries]
+    taken = {name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+    return {key: value for key, value in values.items() if "." in key or key in taken}
+
+
+def _check_names(pipeline: Pipeline, given: Mapping[str, Collection[str]], kinds: Kinds) -> None:
+    faults = [
+        Fault(f"{option} {name}", f"there is no stage of this name{nearest(name, kinds)}")
+        for option, names in given.items()
+        for name in names
+        if name not in kinds
+    ]
+    if faults:
+        raise RequestError(faults, pipeline.file)
+
+
+def _first(pipeline: Pipeline, holds: Any) -> str | None:
+    return next((entry.name for entry in pipeline.stages if holds(entry)), None)
+
+
+def _kind(entry: StageEntry, registry: Registry) -> type[Stage] | None:
+    return registry.load(entry.use) if entry.use in registry else None
+
+
+def _reads(kinds: Kinds, entry: StageEntry) -> set[str]:
+    kind = kinds[entry.name]
+    return {declaration.variable for declaration in reads_of(kind).values()} if kind else set()
+
+
+def _writes(kinds: Kinds, entry: StageEntry) -> set[str]:
+    kind = kinds[entry.name]
+    return {declaration.variable for declaration in writes_of(kind).values()} if kind else set()

@@ -1,0 +1,16 @@
+"""``Pipeline.quality``: a camera against the ideal one, from Python."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from etendue.contract.registry import installed_stages
+from etendue_lab.quality.study import quality as measured
+
+if TYPE_CHECKING:
+    from etendue.builder.pipeline import Pipeline
+
+
+def quality(pipeline: Pipeline, **how: Any) -> Any:
+    """How far the camera is from the ideal one, as ``etendue quality`` does."""
+    return measured(pipeline.written(), installed_stages(), **how)

@@ -1,0 +1,296 @@
+"""``etendue quality``: every cell of a camera's sweep against the ideal camera of the same scene.
+
+In:  a pipeline as written, how far away the picture is looked at.
+Out: one row of figures for each cell; as JSON, CSV, and pictures side by side.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from etendue.contract.ports import Progress
+from etendue.contract.registry import Registry
+from etendue.contract.roles import Displaying
+from etendue.errors import RequestError
+from etendue.pipeline.file import Pipeline
+from etendue.plan.model import Plan
+from etendue.plan.planner import make_plan
+from etendue.present.terminal.tables import floored
+from etendue.result_files import check_folder, finite, write_whole
+from etendue.session import Options, Outcome, execute
+from etendue_camera.colour.matrices import RGB_TO_XYZ_SRGB
+from etendue_lab.quality.figures import FLAT_SIZES, UNITS, Shot, figures
+from etendue_lab.quality.ideal import Ideal, ideal_of
+
+PICTURES = ("rgb_camera", "rgb_linear", "rgb_display")
+SCALARS = {"mean_snr": "1", "clipped_fraction": "1", "dr_emva": "dB", "dr_elgamal": "dB"}  # taken where the pipeline has them
+APPLIED = ("balance_gains", "integration_time")  # what the camera has put into rgb_camera, and its ideal has not, or otherwise
+SAMPLES_PER_DEGREE = 34.0  # a display of 100 dpi at 50 cm
+MOST = 12  # pictures that are drawn unless told otherwise
+Show = Callable[[int, Mapping[str, Any], Shot, Shot, Any], tuple[str, bytes]]
+
+
+@dataclass
+class Comparison:
+    """A camera against its ideal: a row for each cell, and what was compared."""
+
+    pipeline: str
+    ideal: Ideal
+    samples_per_degree: float
+    axes: dict[str, str]  # key -> unit
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    pictures: dict[str, bytes] = field(default_factory=dict)  # PNG by name of a file
+
+    @property
+    def failed(self) -> int:
+        return sum(row["status"] != "done" for row in self.rows)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON holds it. Unknown figures are NaN here and null there."""
+        return {
+            "pipeline": self.pipeline,
+            "ideal": {"left_out": list(self.ideal.left_out), "replaced": dict(self.ideal.replaced)},
+            "samples_per_degree": self.samples_per_degree,
+            "axes": [{"name": key, "units": unit or None} for key, unit in self.axes.items()],
+            "figures": {**UNITS, **SCALARS},
+            "rows": self.rows,
+            "notes": self.notes,
+            "files": self.files,
+        }
+
+
+def quality(
+    pipeline: Pipeline,
+    registry: Registry,
+    samples_per_degree: float = SAMPLES_PER_DEGREE,
+    without: Collection[str] = (),
+    keep: Collection[str] = (),
+    leave_out: bool = True,
+    options: Options | None = None,
+    progress: Callable[[Plan], Progress] | None = None,
+    show: Show | None = None,
+    folder: Path | None = None,
+    most: int = MOST,
+) -> Comparison:
+    """Run a camera and its ideal, and measure how they differ.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Its sweep is the sweep of the comparison; ``wanted`` and ``keep`` of the file do not matter.
+    registry : Registry
+    samples_per_degree : float, above 0
+        Pixels per degree of visual angle, for S-CIELAB and visible noise.
+    without, keep : names of stages
+        See `ideal_of`.
+    leave_out : bool
+        Whether what the scene does not need may be left out, within the pipeline's tolerance.
+    progress : callable
+        Makes the progress of a plan; the camera's and the ideal one's run one after the other.
+    show : callable
+        Given for each row that is chosen: its number, the axis values, the two pictures, the map of differences. What it returns is
+        the name of a PNG and its bytes.
+    folder : Path
+        Where the result will be written; it is made before anything is computed.
+    most : int
+        Rows that are shown at most, spread evenly over those that have pictures; a note counts the others.
+
+    Raises
+    ------
+    RequestError
+        Faults of the pipeline, nothing to compare, or a folder that takes no files.
+    """
+    if not 0 < samples_per_degree < math.inf:
+        raise RequestError(f"--samples-per-degree {samples_per_degree:g}: expected a number above 0")
+    make_plan(pipeline, registry, leave_out)  # with every fault of the file, in its own words
+    both = sorted(set(without) & set(keep))
+    if both:
+        raise RequestError(f"--without {both[0]} and --keep {both[0]}: one of them")
+    ideal = ideal_of(pipeline, registry, without, keep)
+    camera_plan = _plan_of(pipeline, registry, leave_out, (*PICTURES, *SCALARS))
+    ideal_plan = _plan_of(ideal.pipeline, registry, leave_out, PICTURES)
+    if folder is not None:
+        check_folder(folder)
+    camera, perfect = (execute(plan, None, options, progress(plan) if progress else None) for plan in (camera_plan, ideal_plan))
+    axes = {axis.key: axis.units for axis in camera_plan.axes}
+    notes = list(dict.fromkeys([*camera_plan.warnings, *ideal.notes]))
+    result = Comparison(pipeline.name, ideal, float(samples_per_degree), axes, notes=notes)
+    flats, drawable = 0, 0
+    places = list(_places(camera_plan))
+    whys = [_why_not(camera, place) or _why_not(perfect, place) for place in places]
+    chosen = evenly([number for number, why in enumerate(whys) if not why], most)
+    for number, (place, why) in enumerate(zip(places, whys, strict=True)):
+        row: dict[str, Any] = {a.key: a.values[place[a.dim]] for a in camera_plan.axes}
+        row |= {"status": "done", "reason": ""} | dict.fromkeys((*UNITS, *SCALARS), math.nan) | {"flat": None}
+        result.rows.append(row)
+        if why:
+            row |= {"status": "failed", "reason": why}
+            continue
+        shot, reference = _shot(camera, place), _shot(perfect, place)
+        try:
+            found, shown, flat = figures(shot, reference, samples_per_degree)
+        except ValueError as error:
+            row |= {"status": "failed", "reason": str(error)}
+            continue
+        row |= found | {name: _scalar(camera, place, name) for name in SCALARS}
+        row["flat"] = flat._asdict() if flat else None
+        flats += flat is not None
+        drawable += shown is not None
+        if show is not None and shown is not None and number in chosen:
+            result.pictures |= dict([show(number, {key: row[key] for key in axes}, shot, reference, shown)])
+    result.notes += [*_notes(result, camera_plan, flats, registry), *floored(camera_plan, camera.reports)]
+    if show is not None and len(result.pictures) < drawable:
+        result.notes.append(
+            f"{len(result.pictures)} of {drawable} pictures are drawn, spread evenly over the sweep: --pictures {drawable} draws all"
+        )
+    return result
+
+
+def evenly(rows: list[int], most: int) -> set[int]:
+    """At most so many of some rows, at even distances, the first and the last among them where there are two."""
+    count = min(most, len(rows))
+    return {rows[round(i * (len(rows) - 1) / max(1, count - 1))] for i in range(count)}
+
+
+def write(result: Comparison, folder: Path) -> None:
+    """``quality.csv``, ``quality.json`` and the pictures in a folder, each whole or not at all; those of an earlier comparison go."""
+    keys = [*result.axes, *UNITS, *SCALARS, "status", "reason"]
+    units = {**result.axes, **UNITS, **SCALARS}
+    lines = [",".join(_quoted(f"{key} [{units[key]}]" if units.get(key) else key) for key in keys)]
+    lines += [",".join(_quoted(_cell(row[key])) for key in keys) for row in result.rows]
+    names = [*result.pictures, "quality.json", "quality.csv"]
+    result.files = [str(folder / name) for name in names]
+    table, document = "\n".join(lines) + "\n", json.dumps(finite(result.document()), indent=1, allow_nan=False) + "\n"
+    write_whole(folder, result.pictures | {"quality.json": document.encode(), "quality.csv": table.encode()})
+    for old in folder.glob("quality_[0-9][0-9][0-9]*.png"):
+        if old.name not in names and old.stem.removeprefix("quality_").isdigit():
+            old.unlink()
+
+
+def pictures_of(name: str) -> Show:
+    """Draws camera, ideal camera and their difference."""
+
+    def show(number: int, at: Mapping[str, Any], shot: Shot, ideal: Shot, shown: Any) -> tuple[str, bytes]:
+        from etendue_lab.quality.terminal import side_by_side
+
+        where = ", ".join(f"{key} = {_cell(value)}" for key, value in at.items())
+        picture = side_by_side(shot.xyz(), ideal.xyz(), shown, shot.to_xyz.sum(axis=1), f"{name}  {where}".strip())
+        return f"quality_{number:03d}.png", picture
+
+    return show
+
+
+# -- running ------------------------------------------------------------------------------------------------------
+
+
+def _plan_of(pipeline: Pipeline, registry: Registry, leave_out: bool, variables: Collection[str]) -> Plan:
+    """The plan of what is compared, and nothing else kept."""
+    whole = make_plan(replace(pipeline, wanted=None, keep=None, faults=()), registry, leave_out)
+    texts = [f"{writer}.{variable}" for variable in variables if (writer := _writer(whole, variable))]
+    texts += [f"{name}.{variable}" for variable in APPLIED for name in _behind(whole, "rgb_camera", variable)]
+    return make_plan(replace(pipeline, wanted=tuple(texts), keep=tuple(texts)), registry, leave_out)
+
+
+def _writer(plan: Plan, variable: str) -> str | None:
+    return next((node.name for node in reversed(plan.nodes) if variable in node.writes), None)
+
+
+def _behind(plan: Plan, picture: str, variable: str) -> list[str]:
+    """The stages that write a variable and that a picture comes from."""
+    found, last = set(), _writer(plan, picture)
+    open_ = {last} if last else set()
+    while open_:
+        found |= open_
+        open_ = {source for name in open_ for bound in plan.node(name).inputs for _, source, _ in bound} - found
+    return [node.name for node in plan.nodes if node.name in found and variable in node.writes]
+
+
+def _places(plan: Plan) -> Iterator[dict[str, int]]:
+    """Positions on all axes, the last one fastest."""
+    dims = [axis.dim for axis in plan.axes]
+    for index in product(*(range(len(axis.values)) for axis in plan.axes)):
+        yield dict(zip(dims, index, strict=True))
+
+
+def _ref(outcome: Outcome, name: str, place: Mapping[str, int]) -> Any:
+    return name, tuple(place[dim] for dim in outcome.plan.node(name).axes)
+
+
+def _why_not(outcome: Outcome, place: Mapping[str, int]) -> str:
+    """What kept a cell's pictures from being made; '' where nothing did."""
+    lacking = [v for v in PICTURES if _writer(outcome.plan, v) and _array(outcome, place, v) is None]
+    if not lacking:
+        return ""
+    reports = (outcome.reports.get(_ref(outcome, node.name, place)) for node in outcome.plan.nodes)
+    failed = [f"{report.stage}: {report.message}" for report in reports if report is not None and report.status == "failed"]
+    return failed[0] if failed else f"{lacking[0]} was not computed"
+
+
+def _array(outcome: Outcome, place: Mapping[str, int], variable: str) -> Any:
+    name = _writer(outcome.plan, variable)
+    return None if name is None else outcome.arrays.get(_ref(outcome, name, place), {}).get(variable)
+
+
+def _scalar(outcome: Outcome, place: Mapping[str, int], name: str) -> float:
+    array = _array(outcome, place, name)
+    return math.nan if array is None else float(array)
+
+
+def _shot(outcome: Outcome, place: Mapping[str, int]) -> Shot:
+    pictures = {variable: _array(outcome, place, variable) for variable in PICTURES}
+    gains, times = (
+        [outcome.arrays.get(_ref(outcome, name, place), {}).get(variable) for name in _behind(outcome.plan, "rgb_camera", variable)]
+        for variable in APPLIED
+    )
+    known = [np.reshape(np.asarray(one, np.float64), (-1, np.shape(one)[-1]))[0] for one in gains if one is not None]  # of the first frame
+    time = next((float(one) for one in reversed(times) if one is not None and np.ndim(one) == 0), None)
+    return Shot(**pictures, gains=np.prod(known, axis=0) if known else None, time=time, to_xyz=_display_matrix(outcome.plan, place))
+
+
+def _display_matrix(plan: Plan, place: Mapping[str, int]) -> Any:
+    """Of the display that the picture is meant for; where no stage says, it has the primaries of sRGB."""
+    if _writer(plan, "rgb_linear") is None:
+        return None
+    writers = [node for node in reversed(plan.nodes) if "rgb_linear" in node.writes]
+    stages = (plan.cells[node.name, tuple(place[dim] for dim in node.axes)].stage for node in writers)
+    return next((stage.to_xyz() for stage in stages if isinstance(stage, Displaying)), RGB_TO_XYZ_SRGB)  # some only decode
+
+
+def _notes(result: Comparison, plan: Plan, flats: int, registry: Registry) -> list[str]:
+    notes = []
+    done = len(result.rows) - result.failed
+    if done and _writer(plan, "rgb_linear") is None:
+        notes.append("no stage writes rgb_linear, so there are no figures of colour: put 'display' behind the demosaicer")
+    elif flats < done:
+        notes.append(
+            f"{done - flats} of {done} pictures have no uniform region of {FLAT_SIZES[-1]} x {FLAT_SIZES[-1]} pixels: SNR flat and visible "
+            "noise are not known"
+        )
+    for variable in ("mean_snr", "dr_emva"):
+        if done and _writer(plan, variable) is None:
+            stage = next(registry.makers(variable), "")
+            notes.append(f"{variable} is not known: the pipeline has no stage {stage!r}" if stage else f"{variable} is not known")
+    return notes
+
+
+# -- files --------------------------------------------------------------------------------------------------------
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float) and math.isnan(value):
+        return ""
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"\n') else text

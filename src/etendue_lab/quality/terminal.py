@@ -1,0 +1,135 @@
+"""A camera against the ideal camera of the same scene, on the terminal and as pictures side by side.
+
+In:  the document of a comparison; two pictures in XYZ and the map of their difference.
+Out: a table; a PNG.
+"""
+
+from __future__ import annotations
+
+import math
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from etendue.present.terminal.terminal import _out, _table, escape, short_axes
+from etendue_camera.colour import matrices
+from etendue_camera.colour.encoding import srgb_encode
+
+COLUMNS = (
+    ("psnr_linear", "PSNR linear", ".2f"), ("psnr_encoded", "PSNR encoded", ".2f"), ("ssim", "SSIM luma", ".4f"),
+    ("de_mean", "dE00 mean", ".2f"), ("de_p95", "dE00 95 %", ".2f"), ("scielab_mean", "S-CIELAB mean", ".2f"),
+    ("mean_snr", "SNR expected", ".1f"), ("snr_flat", "SNR flat", ".1f"), ("visible_noise", "visible noise", ".2f"),
+    ("dr_emva", "range dB", ".1f"), ("clipped_fraction", "clipped", ".2%"),
+)  # fmt: skip
+DISPENSABLE = (
+    "clipped_fraction", "psnr_linear", "snr_flat", "dr_emva", "de_p95", "mean_snr", "visible_noise", "ssim", "scielab_mean",
+)  # in this order, where the terminal is narrow  # fmt: skip
+UNBOUNDED = 10**4  # columns of a terminal that holds every table
+LONGEST, GAP = 512, 12  # screen pixels: of the longer side of a picture, about; between pictures
+LEAST_SCALE = 5.0  # CIEDE2000 at the top of the colour bar, at least
+
+
+def print_quality(document: dict[str, Any]) -> None:
+    """One line for each cell, and what was compared with what."""
+    console, ideal = _out(), document["ideal"]
+    known = [c for c in COLUMNS if any(_known(row[c[0]]) for row in document["rows"])]
+    if not any(_known(row["clipped_fraction"]) and row["clipped_fraction"] > 0 for row in document["rows"]):
+        known = [c for c in known if c[0] != "clipped_fraction"]  # nothing to say
+    short = short_axes(axis["name"] for axis in document["axes"])
+    axes = [(a["name"], f"{short[a['name']]} {a['units'] or ''}".strip().replace(" ", "\n")) for a in document["axes"]]
+    title = f"{document['pipeline']}: each camera against the ideal one of the same scene"
+    table, more = _rows(document["rows"], axes, known), []
+    for name in DISPENSABLE:
+        if not console.is_terminal or _width(console, table) <= console.width:
+            break
+        more += [column for column in known if column[0] == name]
+        known = [column for column in known if column[0] != name]
+        table = _rows(document["rows"], axes, known)
+    console.print(escape(title), soft_wrap=True)
+    console.width = max(console.width, _width(console, table))  # a number that is cut says nothing; the terminal breaks its line
+    console.print(table)
+    for row in document["rows"]:
+        if row["status"] != "done":
+            where = ", ".join(f"{name} = {_axis(row[name])}" for name, _ in axes) or "the picture"
+            _line(console, row["status"], f"{where}: {row['reason']}")
+    swapped = ", ".join(f"{use} in place of {name}" for name, use in ideal["replaced"].items())
+    _line(console, "ideal", f"the same pipeline without {', '.join(ideal['left_out']) or 'a lens'}, and {swapped}")
+    _line(
+        console,
+        "PSNR",
+        "dB, linear to the brightest value of the ideal picture, encoded to 1; dE00: CIEDE2000 on the display; SNR: ratio, as "
+        "expected of the raw frame and as found in a uniform region",
+    )
+    _line(console, "seen", f"at {document['samples_per_degree']:g} pixels per degree (S-CIELAB, visible noise)")
+    if more:
+        _line(console, "more", f"{', '.join(column for _, column, _ in more)}: with --json and -o, and here where the terminal is wider")
+    for text in document["notes"]:
+        _line(console, "note", text)
+    for path in document["files"]:
+        _line(console, "file", path)
+
+
+def _rows(rows: list[dict[str, Any]], axes: list[tuple[str, str]], known: list[tuple[str, str, str]]) -> Table:
+    heads = [name for _, name in axes] + [name.replace(" ", "\n", 1) for _, name, _ in known]
+    table = _table("", *((name, "right") for name in heads))
+    for row in rows:
+        done = row["status"] == "done"
+        values = [format(row[name], form) if done and _known(row[name]) else "-" for name, _, form in known]
+        table.add_row(*map(escape, [*(_axis(row[name]) for name, _ in axes), *values]))
+    return table
+
+
+def _width(console: Console, table: Table) -> int:
+    """Columns that a table takes where nothing holds it back."""
+    return console.measure(table, options=console.options.update(max_width=UNBOUNDED)).maximum
+
+
+def _line(console: Console, word: str, text: str) -> None:
+    console.print(f"{word:<10}{escape(text)}", soft_wrap=True)
+
+
+def side_by_side(picture: Any, reference: Any, shown: Any, white: Any, title: str) -> bytes:
+    """Camera, ideal camera and the map of CIEDE2000 as one PNG, at a whole number of screen pixels per pixel.
+
+    ``picture`` and ``reference`` are XYZ within the range of their display, whose white is ``white``; they are shown as to an
+    eye that is adapted to it.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    seen = matrices.von_kries_matrix(white, matrices.xyz_from_xy(matrices.D65_XY), matrices.TRANSFORMS["bradford"])
+    matrix = np.linalg.inv(matrices.RGB_TO_XYZ_SRGB) @ seen
+    panels: list[Any] = [np.moveaxis(srgb_encode(np.clip(matrices.apply_matrix(matrix, one), 0, 1)), 0, -1) for one in (picture, reference)]
+    rows, columns = shown.shape
+    scale = max(1, LONGEST // max(rows, columns))
+    high, wide = rows * scale, columns * scale
+    head, foot, bar = 44, 24, 70
+    width, height = 3 * wide + 4 * GAP + bar, high + head + foot
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.text(0.5, 1 - 12 / height, title, ha="center", va="center", fontsize=10)
+    top = max(LEAST_SCALE, float(np.quantile(shown, 0.99)))
+    names = ("camera", "ideal camera", f"CIEDE2000, mean {float(np.mean(shown)):.2f}")
+    for number, (panel, name) in enumerate(zip([*panels, shown], names, strict=True)):
+        left = GAP + number * (wide + GAP)
+        axes = figure.add_axes((left / width, foot / height, wide / width, high / height))
+        axes.set_axis_off()
+        image = axes.imshow(panel, interpolation="nearest", aspect="auto", cmap="viridis", vmin=0, vmax=top)
+        figure.text((left + wide / 2) / width, (foot + high + 4) / height, name, ha="center", va="bottom", fontsize=9)
+    place = figure.add_axes(((4 * GAP + 3 * wide) / width, foot / height, 14 / width, high / height))
+    figure.colorbar(image, cax=place)
+    place.tick_params(labelsize=8)
+    file = BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
+
+
+def _known(value: Any) -> bool:
+    return value is not None and not (isinstance(value, float) and math.isnan(value))
+
+
+def _axis(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

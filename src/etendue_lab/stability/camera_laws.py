@@ -1,0 +1,315 @@
+"""Laws that a whole camera obeys, whatever its values.
+
+In:  a pipeline document whose stages have the names of their slots, and a way to run one.
+Out: for each law, twins of the camera on which it can be told, and what breaks it.
+
+bounded      everything is finite (but for what is declared to be undefined), display in [0, 1], raw within the converter's codes
+monotone     noise-free: more time or more light never darkens a pixel: the balanced mosaic of any scene, the display of a uniform one
+white        noise-free: a pixel whose whole support is clipped is (1, 1, 1)
+neutral      a uniform grey card is grey on the display, at every exposure
+flux         a uniform plane passes lens and diffusion unchanged: what leaves a pixel's place arrives at another
+linear       ten times the light is ten times the photocurrent
+"""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import scipy
+
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import parameters_of, writes_of
+from etendue.testing import measured
+
+Document = dict[str, Any]
+Run = Callable[[Document], Any]  # a document to its tree
+
+TIMES = tuple(10.0**k for k in range(-3, 4))
+ROUNDING = 2e-5  # of full scale: float32 through transforms, matrices and encodings; a grey level of 8 bits is 4e-3
+WORDS = tomllib.loads((resources.files("etendue_lab") / "data" / "camera_laws.toml").read_text(encoding="utf-8"))
+STAND_IN, METER, ENCODED, FLAWED = WORDS["stand_in"], WORDS["metering"], WORDS["encoded"], WORDS["flawed"]
+EXPOSING, UNEVEN, LOOKING = (tuple(WORDS[word]) for word in ("exposing", "uneven", "looking"))  # names of slots
+SUPPORT = 17  # pixels about one that reach it through a demosaicer, generously
+PERIOD = 6  # pixels: of the longest mask, X-Trans
+LIFTED = "adapt.cones_floored"  # a white that a floor has lifted is none: neutral and white are not told
+MATRIX = "fit.colour_matrix"
+STEEP = 1e4  # elements of a colour matrix from which on it makes colours of float32's rounding: a cause of its own in the report
+GREY = 2e-3
+FLUX, LINEAR = 5e-6, 1e-5  # of the largest value, in float32 through transforms
+WHITE = 1e-6
+ROUNDINGS, LARGEST = 8, 1e3  # of a colour matrix's elements, up to this, in the picture's own precision: on the way to (1, 1, 1)
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A law that a camera breaks."""
+
+    law: str
+    text: str
+    document: Document | None = None  # the twin on which it was seen
+
+
+def of(document: Document, slot: str) -> Document | None:
+    return next((stage for stage in document["stages"] if stage["name"] == slot), None)
+
+
+def twin(document: Document, wanted: list[str], axis: str, values: list[float]) -> Document:
+    """The same camera noise-free and unrounded, with its highlights neutral, swept along one axis.
+
+    The time of a metered camera is what is swept, and white is that of the light, not of the picture.
+    """
+    made = copy.deepcopy(document)
+    first = min(n for n, stage in enumerate(made["stages"]) if stage["name"] in (*EXPOSING, METER))
+    kept = [stage for stage in made["stages"] if stage["name"] not in (*EXPOSING, METER, *LOOKING)]
+    kept.insert(first, {"use": STAND_IN["noise_free"], "name": "ideal"})
+    measures = next(n for n, stage in enumerate(kept) if stage["name"] == ENCODED) + 1
+    made["stages"] = kept[:measures]
+    for slot, words in (
+        ("white", {"use": STAND_IN["known_white"]}),
+        ("balanced", {"highlights": "neutral"}),
+        ("to_xyz_scene", {"highlights": "neutral"}),
+    ):
+        if (stage := of(made, slot)) is not None:
+            stage |= words
+    made["wanted"], made["sweep"] = wanted, {axis: values}
+    made["camera"].pop(axis, None)
+    return made
+
+
+def uniform(made: Document, reflectance: float = 0.4) -> Document:
+    """With a uniform grey scene behind optics that leave it so, its white on the display the display's own."""
+    scene = of(made, "scene")
+    assert scene is not None
+    own = {*parameters_of(installed_stages().load(STAND_IN["flat_scene"])), "name"}
+    kept = {name: value for name, value in scene.items() if name in own}
+    made["stages"] = [stage for stage in made["stages"] if stage["name"] not in UNEVEN]
+    made["stages"][0] = {**kept, "use": STAND_IN["flat_scene"], "reflectance": reflectance}
+    display = (of(made, "display") or {}).get("display", "sRGB")
+    for slot, words in (("fit", {"white": "kept"}), ("adapt", {"target": display, "gains": "white"})):
+        stage = of(made, slot)
+        assert stage is not None
+        stage |= words
+    lens = of(made, "lens")
+    if lens is not None and lens["use"] == STAND_IN["by_source"]:
+        lens["weights"] = "image"  # 'source' keeps a point's flux, and a plane only as even as the pictures are
+    return made
+
+
+def laws(document: Document, tree: Any, run: Run) -> Iterator[Broken]:
+    """Everything that a camera breaks; ``tree`` is its own run."""
+    yield from bounded(document, tree)
+    yield from told("monotone", over_time(document), run, any_scene)
+    yield from told("neutral", grey_over(document, "integration_time"), run, grey_card)
+    yield from told("neutral", grey_over(document, "scene.white_luminance"), run, grey_card)
+    yield from told("flux", even(document), run, flux)
+    yield from told("linear", light(document), run, linear)
+
+
+def told(law: str, made: Document, run: Run, judge: Callable[[Document, Any], Iterator[Broken]]) -> Iterator[Broken]:
+    try:
+        tree = run(made)
+    except Refused as refused:  # what the plan refuses of a twin that differs in scene, time or light alone
+        yield Broken(law, f"its twin is refused: {refused}", made)
+        return
+    except Fault as fault:
+        yield Broken(fault.kind, str(fault), made)
+        return
+    for broken in judge(made, tree):
+        yield Broken(broken.law, broken.text, made)
+
+
+class Refused(Exception):
+    """The plan refused it, with a reason."""
+
+
+class Fault(Exception):
+    """It broke off: a failed cell, a leaked warning, an exception that is no error of ours."""
+
+    def __init__(self, kind: str, text: str) -> None:
+        self.kind = kind
+        super().__init__(text)
+
+
+def array(tree: Any, stage: str, variable: str) -> Any:
+    """An array of a tree whose stages have one shape."""
+    return np.asarray(tree[stage][variable].values)
+
+
+# ----------------------------------------------------------------------------------------------------- bounded
+
+
+def bounded(document: Document, tree: Any) -> Iterator[Broken]:
+    registry = installed_stages()
+    top = 2 ** document["camera"]["bits"] - 1
+    for stage in document["stages"]:
+        for variable, declared in writes_of(registry.load(stage["use"])).items():
+            if stage["name"] not in tree or variable not in tree[stage["name"]]:
+                continue
+            found = array(tree, stage["name"], variable)
+            if found.dtype.kind == "f" and not declared.nan and not np.isfinite(found).all():
+                yield Broken("bounded", f"{stage['name']}.{variable} is not finite")
+            if variable == "raw" and (found.min() < 0 or found.max() > top):
+                yield Broken("bounded", f"raw reaches {found.min()} to {found.max()}, the converter has codes 0 to {top}")
+            if variable == "rgb_display" and not (found.min() >= 0 and found.max() <= 1):
+                yield Broken("bounded", f"rgb_display reaches {found.min():g} to {found.max():g}")
+
+
+# ------------------------------------------------------------------------------------------- time, light, white
+
+
+def over_time(document: Document) -> Document:
+    """The drawn scene at seven times about its own."""
+    time = document["camera"].get("integration_time", 0.01)
+    wanted = ["ideal.mosaic_linear", "encode.rgb_display"]
+    made = twin(document, [*wanted, LIFTED, MATRIX], "integration_time", [time * k for k in TIMES])
+    last = [stage["name"] for stage in made["stages"] if stage["name"] in ("ideal", "shading", "balanced")][-1]
+    made["wanted"] = list(dict.fromkeys([*made["wanted"], f"{last}.mosaic_linear"]))
+    return made
+
+
+def any_scene(made: Document, tree: Any) -> Iterator[Broken]:
+    mosaic = array(tree, "ideal", "mosaic_linear")
+    for place in made["wanted"]:
+        stage, _, variable = place.partition(".")
+        if variable == "mosaic_linear":
+            yield from monotone(array(tree, stage, variable), place, "time")
+    display = array(tree, ENCODED, "rgb_display")
+    support = scipy.ndimage.minimum_filter(mosaic, size=(1, SUPPORT, SUPPORT), mode="nearest") >= 1 - 1e-6
+    if same_white(made) and not array(tree, *LIFTED.split(".")).any():
+        yield from white(display, support, float(np.abs(array(tree, *MATRIX.split("."))).max()))
+
+
+def same_white(made: Document) -> bool:
+    """Whether the scene is brought to the white of the display that shows it: only then is white (1, 1, 1)."""
+    return bool((of(made, "adapt") or {}).get("target", "D65") == (of(made, "display") or {}).get("display", "sRGB")) and (
+        (of(made, "fit") or {}).get("white", "kept") == "kept"
+    )
+
+
+def grey_over(document: Document, axis: str) -> Document:
+    """A grey card at seven times, or in seven lights."""
+    now = document["camera"].get(axis, 0.01) if axis == "integration_time" else of(document, "scene")["white_luminance"]  # type: ignore[index]
+    made = uniform(twin(document, ["ideal.mosaic_linear", "encode.rgb_display", LIFTED, MATRIX], axis, [now * k for k in TIMES]))
+    if "." in axis:
+        made["stages"][0].pop("white_luminance")
+    return made
+
+
+def grey_card(made: Document, tree: Any) -> Iterator[Broken]:
+    what = "time" if "integration_time" in made["sweep"] else "light"
+    mosaic, display = array(tree, "ideal", "mosaic_linear"), array(tree, ENCODED, "rgb_display")
+    largest = float(np.abs(array(tree, *MATRIX.split("."))).max())
+    behind = steep(largest)
+    yield from monotone(display, f"encode.rgb_display of a grey card{behind}", what, rounding(display, largest))
+    wanders = made["camera"].get("crosstalk") == "through_filter"
+    if array(tree, *LIFTED.split(".")).any() or (wanders and min(display.shape[2:]) < PERIOD):
+        return  # a frame without the mask's whole period has not the neighbours of which the white knows
+    apart = (display.max(axis=1) - display.min(axis=1)).max(axis=(1, 2))
+    if wanders:
+        # sites of one filter have neighbours of different ones, so that a plane is no plane: its mean is grey, as far as sites differ
+        means = display.mean(axis=(2, 3))
+        apart = np.ptp(means, axis=1) - np.ptp(display, axis=(2, 3)).max(axis=1)
+    measured.told(float(apart.max()), GREY)
+    for step, value in enumerate(apart):
+        if value > GREY:
+            seen = ", ".join(f"{v:.4f}" for v in display[step].mean(axis=(1, 2)))
+            share = float((mosaic[step] >= 1 - 1e-6).mean())
+            state = "with all clipped" if share == 1 else "with nothing clipped" if share == 0 else "with a part clipped"
+            yield Broken("neutral", f"a grey card{behind} {state} is ({seen}) at {what} x {TIMES[step]:g}: {value:.3g} apart")
+            break
+    clipped = np.broadcast_to((mosaic >= 1 - 1e-6).all(axis=(1, 2), keepdims=True), mosaic.shape)
+    yield from white(display, clipped, largest)
+
+
+def monotone(found: Any, place: str, what: str, allowed: float = 0.0) -> Iterator[Broken]:
+    """Along the first axis nothing falls by more than rounding."""
+    falls = -np.diff(found.astype(np.float64), axis=0)
+    scale = max(1.0, float(np.abs(found).max())) if found.size else 1.0
+    if falls.size:
+        measured.told(max(float(falls.max()), 0.0) / scale, ROUNDING + allowed / scale)
+    if falls.size and falls.max() > ROUNDING * scale + allowed:
+        at = np.unravel_index(int(falls.argmax()), falls.shape)
+        before, after = (float(found[(at[0] + i, *at[1:])]) for i in (0, 1))
+        yield Broken(
+            "monotone", f"{place} falls from {before:.6g} to {after:.6g} between {what} x {TIMES[at[0]]:g} and x {TIMES[at[0] + 1]:g}"
+        )
+
+
+def white(display: Any, clipped: Any, largest: float) -> Iterator[Broken]:
+    """(time, channel, y, x) where (time, y, x) says that all of the support is clipped, behind a colour matrix with this element."""
+    allowed = WHITE + rounding(display, largest)
+    away = np.abs(display - 1).max(axis=1)
+    away = np.where(clipped, away, 0)
+    measured.told(float(away.max(initial=0.0)), allowed)
+    if away.size and away.max() > allowed:
+        step, row, column = np.unravel_index(int(away.argmax()), away.shape)
+        seen = ", ".join(f"{v:.6f}" for v in display[step, :, row, column])
+        yield Broken("white", f"all of its support is clipped, and a pixel{steep(largest)} is ({seen}) at x {TIMES[step]:g}")
+
+
+def rounding(display: Any, largest: float) -> float:
+    """What a colour matrix with this element makes of the picture's own precision: 1e-3, a quarter of an 8-bit code, at most."""
+    return ROUNDINGS * float(np.finfo(display.dtype).eps) * min(largest, LARGEST)
+
+
+def steep(largest: float) -> str:
+    """What is to be known of a colour matrix that multiplies rounding."""
+    return f" behind a colour matrix of up to {largest:.1g}" if largest > STEEP else ""
+
+
+# -------------------------------------------------------------------------------------------------- flux, light
+
+
+def cut_behind(made: Document, slot: str) -> Document:
+    """The camera up to a slot."""
+    last = [stage["name"] for stage in made["stages"]].index(slot)
+    made["stages"] = made["stages"][: last + 1]
+    return made
+
+
+def even(document: Document) -> Document:
+    """A uniform plane before and behind lens, low-pass and diffusion, without what takes light away."""
+    made = uniform(twin(document, [], "scene.white_luminance", [of(document, "scene")["white_luminance"]]))  # type: ignore[index]
+    names = [stage["name"] for stage in made["stages"]]
+    last = [name for name in names if name in ("irradiance", "lens", "low_pass", "diffusion")][-1]
+    made = cut_behind(made, last)
+    made["stages"] = [stage for stage in made["stages"] if stage["name"] not in ("filter", "glare")]
+    made["wanted"] = list(dict.fromkeys(["irradiance.irradiance", f"{last}.irradiance"]))
+    made.pop("sweep")
+    made["camera"] = {name: value for name, value in made["camera"].items() if name != "integration_time"}
+    return made
+
+
+def flux(made: Document, tree: Any) -> Iterator[Broken]:
+    first, last = (array(tree, place.partition(".")[0], "irradiance").astype(np.float64) for place in (made["wanted"] * 2)[:2])
+    scale = first.max()
+    away = np.abs(last - first).max()
+    measured.told(float(away / scale) if scale else 0.0, FLUX)
+    if away > FLUX * scale:
+        behind = made["wanted"][-1].partition(".")[0]
+        yield Broken("flux", f"a uniform plane behind {behind} is off by {away / scale:.3g} of itself")
+
+
+def light(document: Document) -> Document:
+    """The drawn scene at two levels, up to the mosaic."""
+    level = of(document, "scene")["white_luminance"]  # type: ignore[index]
+    made = twin(document, ["cfa.photocurrent"], "scene.white_luminance", [level, 10 * level])
+    made["stages"][0].pop("white_luminance")
+    made = cut_behind(made, "cfa")
+    made["stages"] = [stage for stage in made["stages"] if stage["name"] != FLAWED]
+    return made
+
+
+def linear(made: Document, tree: Any) -> Iterator[Broken]:
+    once, ten = array(tree, "cfa", "photocurrent").astype(np.float64)
+    scale = np.abs(ten).max()
+    away = np.abs(ten - 10 * once).max()
+    measured.told(float(away / scale) if scale else 0.0, LINEAR)
+    if away > LINEAR * scale:
+        yield Broken("linear", f"ten times the light is off ten times the current by {away / max(scale, 1e-300):.3g} of the largest")

@@ -1,0 +1,154 @@
+"""The kernels below the stages against closed forms of 60 digits, at the stiff and extreme places of the physics.
+
+In:  ``data/closed_forms.json``: inputs, results and condition numbers.
+Out: a row a case; the stage is the one that the kernel serves.
+
+Allowed is 1e-14, or 3e-7 in single precision, times the condition number: what rounding of the inputs alone may cost.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from etendue.telling import said
+from etendue_camera.colour import difference, encoding
+from etendue_camera.constants import ELEMENTARY_CHARGE
+from etendue_camera.electronics import distributions, dynamic_range
+from etendue_camera.light import planck, radiometry
+from etendue_camera.optics import diffraction
+from etendue_camera.restoration import deconvolution, sharpening
+from etendue_camera.sensor import photodiode
+from etendue_lab.stability.rows import Row
+
+DOUBLE, SINGLE = 1e-14, 3e-7
+CUT = 1e-300  # what is smaller is nothing
+Kernel = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Form:
+    """A kernel that a closed form is known of."""
+
+    kernel: Kernel
+    single: bool = False  # kept in single precision where its first argument is
+    least: float = CUT  # absolute error that is allowed anyway
+
+
+def _dark(current: float, time: float) -> float:
+    return current * time / ELEMENTARY_CHARGE
+
+
+def _tangent(degrees: Any) -> Any:
+    return np.tan(np.deg2rad(degrees))
+
+
+def _wiener(real: float, imaginary: float, noise: float) -> list[float]:
+    gain = deconvolution.wiener_gain(np.array(complex(real, imaginary)), noise)
+    return [float(gain.real), float(gain.imag)]
+
+
+def _paraxial(number: float, magnification: float, angle: float) -> Any:
+    if magnification > 0:
+        raise ValueError("a real image has a magnification up to 0")
+    return radiometry.flat_disc_factor(number, magnification) * radiometry.cos4(_tangent(angle))
+
+
+def _chain(f: Any, wavelength: float, number: float, side: float, absorption: float, depletion: float, depth: float, length: float) -> Any:
+    silicon = photodiode.collection_mtf(f, absorption, depletion, depth, length)
+    return diffraction.circular_otf(f, wavelength, number) * silicon * photodiode.aperture_otf(f, side)
+
+
+def _mtf(absorption: float, depletion: float, depth: float, length: float, frequency: Any) -> Any:
+    return photodiode.collection_mtf(frequency, absorption, depletion, depth, length)
+
+
+def _mirrored(absorption: float, depletion: float, depth: float, length: float, frequency: Any) -> Any:
+    return photodiode.collection_mtf(frequency, absorption, depletion, depth, length, back="reflecting")
+
+
+def _quantised(mean: float, spread: float) -> list[float]:
+    return [float(value) for value in distributions.quantised_gauss_moments(mean, spread)]
+
+
+FORMS = {
+    "airy_intensity": Form(diffraction.airy_intensity),
+    "airy_psf_density": Form(diffraction.airy_psf_density),
+    "airy_encircled": Form(diffraction.airy_encircled),
+    "airy_outside": Form(diffraction.airy_outside),
+    "otf_diffraction": Form(diffraction.circular_otf),
+    "pixel_airy": Form(diffraction.pixel_airy, least=1e-15),  # edges of order 0.1, whose rounding a faint pixel has
+    "mtf_geometric": Form(photodiode.aperture_otf),
+    "irradiance_paraxial": Form(_paraxial),
+    "irradiance_disk": Form(lambda n, m, angle: radiometry.disc_factor(n, _tangent(angle), m)),
+    "irradiance_abbe": Form(radiometry.aplanatic_factor),
+    "diffusion_D": Form(lambda *given: photodiode.collection(given[-1], *given[:-1])),
+    "diffusion_mtf": Form(_mtf, True),
+    "diffusion_mtf_reflecting": Form(_mirrored, True),
+    "system_mtf_x": Form(_chain),
+    "photons_from_energy": Form(radiometry.photons_from_energy),
+    "i_max": Form(lambda well, t, dark: dynamic_range.saturation_current(well, t, dark)),
+    "i_min": Form(dynamic_range.smallest_current),
+    "dr_db": Form(lambda well, t, dark, read, dsnu: dynamic_range.dynamic_range_elgamal(well, _dark(dark, t), read, dsnu)),
+    "snr_db": Form(lambda n, t, dark, read, dsnu, prnu: dynamic_range.snr_db(n, _dark(dark, t), read, dsnu, prnu)),
+    "emva_snr": Form(dynamic_range.emva_snr),
+    "emva_mu_p_min": Form(dynamic_range.emva_smallest_photons),
+    "poisson_pmf": Form(distributions.poisson_pmf),
+    "poisson_logpmf": Form(distributions.poisson_logpmf),
+    "quantised_gauss": Form(_quantised, least=1e-50),
+    "lab": Form(lambda *xyz: difference.lab(xyz[:3], xyz[3:])),
+    "de2000": Form(lambda *lab: difference.delta_e_2000(lab[:3], lab[3:])),
+    "srgb_encode": Form(encoding.srgb_encode, True),
+    "srgb_decode": Form(encoding.srgb_decode, True),
+    "bt709_encode": Form(encoding.bt709_encode, True),
+    "gamma_signed": Form(encoding.gamma_signed, True),
+    "planck_photon_radiance": Form(planck.planck_photon_radiance),
+    "planck_ratio": Form(planck.planck_ratio),
+    "laplacian_response": Form(lambda fx, fy: sharpening.laplacian_response(fy, fx)),
+    "sharpen_response": Form(lambda fx, fy, k: sharpening.sharpen_response(fy, fx, k)),
+    "wiener_gain": Form(_wiener),
+}
+
+
+def rows_of_forms(names: frozenset[str]) -> Iterator[Row]:
+    """Every case of every closed form; of these stages alone, where some are named."""
+    found = json.loads((resources.files("etendue_lab") / "data" / "closed_forms.json").read_text(encoding="utf-8"))
+    for group in found["groups"]:
+        form = FORMS[group["name"]]
+        if names and group["stage"] not in names:
+            continue
+        for given, expected, condition in group["cases"]:
+            case = ", ".join(f"{name} = {value:g}" for name, value in zip(group["inputs"], given, strict=True))
+            yield judged(group["stage"], form, f"closed form {group['name']}", case, given, expected, condition, DOUBLE)
+            if form.single:
+                yield judged(group["stage"], form, f"closed form {group['name']}, 32 bits", case, given, expected, condition, SINGLE)
+
+
+def judged(stage: str, form: Form, law: str, case: str, given: list[float], expected: Any, condition: float, unit: float) -> Row:
+    """One case: the largest relative error of what the kernel gives."""
+    wanted = np.asarray([float(v) for v in expected] if isinstance(expected, list) else float(expected))
+    bound = unit * max(1.0, condition)
+    values: list[Any] = list(given)
+    if unit == SINGLE:
+        place = -1 if law.startswith("closed form diffusion") else 0
+        values[place] = np.float32(values[place])
+        bound *= 1.2  # the rounding of that input
+    try:
+        with np.errstate(all="ignore"):
+            got = np.asarray(form.kernel(*values), dtype=float)
+    except ValueError as error:
+        return Row(stage, law, case, True, condition=condition, why=f"refused: {error}")
+    except Exception as error:
+        return Row(stage, law, case, False, condition=condition, why=said(error))
+    same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
+    with np.errstate(all="ignore"):
+        off = np.where(same | (np.abs(got - wanted) <= form.least), 0.0, np.abs(got - wanted) / np.abs(wanted))
+    worst = float(np.max(np.where(np.isnan(off), np.inf, off)))
+    ok = worst <= bound
+    why = "" if ok else f"gives {np.ravel(got)[0]:.17g}, and 60 digits give {np.ravel(wanted)[0]:.17g}"
+    return Row(stage, law, case, ok, worst, bound, condition, why)

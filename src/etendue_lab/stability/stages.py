@@ -1,0 +1,131 @@
+"""One stage against the laws of the conformance kit, at the ends and in the middle of what it declares.
+
+In:  the name of an installed stage.
+Out: a row for every law of every case. What is refused in words is a case that holds; what breaks off in other words is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from etendue.contract.registry import installed_stages
+from etendue.contract.stage import Stage
+from etendue.telling import said, without_folders
+from etendue.testing import StageConformance
+from etendue.testing.bench import Bench, LawBroken
+from etendue.testing.cases import END, ORDINARY, Case, Untried, cases
+from etendue.testing.digits import compare
+from etendue.testing.measured import Measured, measuring
+from etendue.testing.small_changes import parameter_changes
+from etendue_lab.stability.rows import Row
+
+MOST_VALUES = 200_000  # of what a case writes: larger ones are the plan's affair, which knows the memory
+WITHIN = "computes or refuses"
+MOVED = "parameter moved"
+LAWS = {  # of the kit: those that are about numbers, and what a table calls them
+    "test_extremes_stay_finite_or_are_refused_clearly": "extremes stay finite",
+    "test_undefined_input_meets_the_declared_policy": "NaN and infinity",
+    "test_negative_input_meets_the_declared_policy": "negative input",
+    "test_the_stated_error_is_true_of_single_against_double_precision": "stated error",
+    "test_digits_are_kept_in_every_precision": "digits",
+    "test_errors_grow_by_no_more_than_the_gain": "gain",
+    "test_leaving_it_out_is_no_worse_than_negligible_says": "leaving out",
+    "test_carried_facts_are_true_of_what_is_written": "told range",
+    "test_a_transfer_function_keeps_the_mean_and_a_real_image_real": "mean kept, bounded",
+    "test_a_small_change_of_what_is_read_changes_little": "input moved",
+    "test_a_small_change_of_a_parameter_changes_little": MOVED,
+    "test_the_unit_of_light_does_not_matter": "unit of light",
+    "test_the_order_that_it_keeps_is_kept": "order kept",
+    "test_the_sum_that_it_keeps_is_kept": "sum kept",
+    "test_the_noise_has_the_variance_that_it_says": "variance",
+    "test_what_it_solves_costs_no_more_digits_than_its_condition": "matrix",
+}
+ALWAYS = ("extremes stay finite", "NaN and infinity", "negative input")  # without a number: of every stage that reads
+ONCE = ("NaN and infinity", "negative input", "stated error", "gain")  # of the ordinary instance alone
+
+
+def rows_of(name: str) -> Iterator[Row]:
+    """Every case of one stage."""
+    kind = installed_stages().load(name)
+    try:
+        every = list(cases(kind))
+    except Untried as error:
+        yield Row(name, WITHIN, "ordinary", None, why=str(error))
+        return
+    for case in every:
+        yield from rows_of_case(name, kind, case)
+
+
+def rows_of_case(name: str, kind: type[Stage], case: Case) -> Iterator[Row]:
+    if case.stage is None:
+        yield Row(name, WITHIN, case.name, not case.broke, why=case.refused if case.broke else f"refused: {case.refused}")
+        return
+    bench = Bench(case.stage)
+    too_large, first = False, None
+    try:
+        too_large = largest(bench) > MOST_VALUES
+    except ValueError as error:
+        first = Row(name, WITHIN, case.name, True, why=f"refused: {error}")
+    except Exception as error:
+        first = Row(name, WITHIN, case.name, False, why=said(error))
+    if too_large:
+        return
+    if first is None:
+        first = computed(name, bench, case)
+    yield first
+    if first.ok is not True or first.why:
+        return
+    if case.where == END and isinstance(getattr(case.stage, case.parameter), float):
+        yield from held(name, MOVED, case, lambda: parameter_changes(bench, (case.parameter,)))
+    one = type("Conformance", (StageConformance,), {"stage": case.stage})()
+    for law, word in LAWS.items():
+        if case.where == ORDINARY or (word not in ONCE and (case.where != END or word == "mean kept, bounded")):
+            yield from held(name, word, case, getattr(one, law), word in ALWAYS and bool(bench.reads))
+
+
+def largest(bench: Bench) -> int:
+    """Values of the largest variable that a case writes."""
+    job = bench.job()
+    return max((math.prod(job.grids[v].shape(d.dims)) for v, d in bench.writes.items()), default=0)
+
+
+def computed(name: str, bench: Bench, case: Case) -> Row:
+    """Ordinary input in both precisions: finite, alike within what the stage states, or refused in words."""
+    with measuring() as found:
+        try:
+            inputs = bench.given(bench.arrays("ordinary"), "float32")
+            single, double = bench.run(inputs, "float32"), bench.run(inputs, "float64")
+            for trial in (double, single):
+                if not trial.done:
+                    words = trial.refused_in_words and " wrote " not in trial.last_line
+                    return Row(name, WITHIN, case.name, words, why=f"{'refused: ' if words else ''}{trial.last_line}")
+            bound = sum(bench.own_error(inputs, precision) or 0.0 for precision in ("float32", "float64"))
+            if bound and bench.steady:
+                compare(bench, single, double, "ordinary input", "float32", bound, (9, 12))
+        except LawBroken as error:
+            return row(name, WITHIN, case, False, found, str(error))
+        except Exception as error:  # of a stranger's grid, describe or error
+            return Row(name, WITHIN, case.name, isinstance(error, ValueError), why=f"refused: {said(error)}")
+    return row(name, WITHIN, case, True, found, "")
+
+
+def held(name: str, law: str, case: Case, check: Callable[[], Any], always: bool = False) -> Iterator[Row]:
+    """One law of one instance; nothing where it has measured nothing."""
+    with measuring() as found:
+        try:
+            check()
+        except LawBroken as error:
+            yield row(name, law, case, False, found, str(error))
+            return
+        except Exception as error:  # a stage may break anywhere, in grid or describe too
+            yield row(name, law, case, False, found, said(error))
+            return
+    if always or found.error is not None or found.condition is not None:
+        yield row(name, law, case, True, found, "")
+
+
+def row(name: str, law: str, case: Case, ok: bool, found: Measured, why: str) -> Row:
+    text = without_folders(why.removeprefix(f"{case.stage!r}").removeprefix(": ").strip())
+    return Row(name, law, case.name, ok, found.error, found.bound, found.condition, text)

@@ -1,0 +1,98 @@
+"""All checks of stability, in processes, with rows in the same order however many there are.
+
+In:  names of stages; none: all stages, kernels and cameras.
+Out: rows, as they are found.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+from etendue.contract.registry import installed_stages
+from etendue.errors import PluginError, RequestError, nearest
+from etendue.run.workers import begin_worker
+from etendue_lab.stability import cameras, kernels, stages
+from etendue_lab.stability.rows import Row
+
+SHARES = 12  # of the cameras: as many parts
+
+
+@dataclass(frozen=True)
+class Part:
+    """A share of the work that one process does: a stage, the closed forms, some cameras."""
+
+    what: str  # stage, forms or cameras
+    name: str
+    share: int = 0
+    stages: frozenset[str] = frozenset()  # of the closed forms: of these alone
+
+
+Told = Callable[[int, int, str], None]  # parts done, of so many, the last one
+
+
+def parts(names: Sequence[str]) -> list[Part]:
+    """What is to be done.
+
+    Raises
+    ------
+    RequestError
+        A name is that of no installed stage.
+    """
+    registry = installed_stages()
+    for name in names:
+        if name not in registry:
+            raise RequestError(f"there is no stage {name!r}{nearest(name, registry.names())}{registry.found.missed('stages', name)}")
+    forms = Part("forms", "closed forms", stages=frozenset(names))
+    cameras = [] if names else [Part("cameras", "whole cameras", share) for share in range(SHARES)]
+    return [*(Part("stage", name) for name in sorted(set(names)) or registry.names()), forms, *cameras]
+
+
+def rows_of_part(part: Part) -> list[Row]:
+    """Done in a worker process."""
+    try:
+        if part.what == "forms":
+            return list(kernels.rows_of_forms(part.stages))
+        if part.what == "cameras":
+            return list(cameras.rows_of_cameras(part.share, SHARES))
+        return list(stages.rows_of(part.name))
+    except PluginError as error:
+        return [Row(part.name, "it can be loaded", "", False, why=str(error))]
+
+
+def stability(names: Sequence[str], workers: int = 0, told: Told = lambda done, total, name: None) -> list[Row]:
+    """Every row, in the order of the parts: processes change nothing but the time."""
+    every = parts(names)
+    found: dict[Part, list[Row]] = {}
+    for number, (part, rows) in enumerate(done(every, workers or os.cpu_count() or 1), 1):
+        found[part] = rows
+        told(number, len(every), part.name)
+    rows = [row for part in every for row in found[part]]
+    place = {name: number for number, name in enumerate(dict.fromkeys(row.stage for row in rows))}
+    return sorted(rows, key=lambda row: place[row.stage])  # closed forms beside the stages that they serve
+
+
+def done(every: list[Part], workers: int) -> Iterator[tuple[Part, list[Row]]]:
+    """Parts as they end."""
+    if workers == 1 or len(every) == 1:
+        for part in every:
+            yield part, rows_of_part(part)
+        return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=begin_worker)
+    try:
+        longest_first = sorted(every, key=lambda part: part.what == "stage")
+        waiting = {pool.submit(rows_of_part, part): part for part in longest_first}
+        for future in as_completed(waiting):
+            part = waiting[future]
+            try:
+                yield part, future.result()
+            except BrokenProcessPool:
+                yield part, [Row(part.name, "its process lives", "", False, why="a process ended while it was tried, or one beside it")]
+    except BaseException:  # nobody waits for what is under way
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()  # all has ended: waiting for the workers, not racing them to the exit

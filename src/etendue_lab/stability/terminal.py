@@ -1,0 +1,68 @@
+"""Stability on the terminal: the worst case of each law of each stage, what broke first of all.
+
+In:  groups of rows, or rows.
+Out: a table; a line for each failure; the counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from etendue.present.terminal.terminal import _out, _table, escape
+
+COLUMNS = (
+    ("stage, law and its worst case", "left"), ("cases", "right"), ("error", "right"), ("bound", "right"), ("condition", "right"),
+    ("verdict", "left"),
+)  # fmt: skip
+
+
+def print_stability(groups: Sequence[Any], every: bool, counts: dict[str, int]) -> None:
+    """``groups``: of one law and stage each, or of one row with ``every``."""
+    console = _out()
+    table = _table("every case" if every else "the worst case of each law", *COLUMNS, wrap=(COLUMNS[0][0],))
+    last = ""
+    for group in groups:
+        row = group.worst
+        if row.stage != last:
+            table.add_row(f"[bold]{escape(row.stage)}[/bold]")
+        table.add_row(
+            f"  {row.law}{f': {escape(row.case)}' if row.case != 'ordinary' else ''}", "" if every else str(group.cases),
+            number(row.error), number(row.bound), number(group.condition), verdict(group, every),
+        )  # fmt: skip
+        last = row.stage
+    console.print(table)
+    for group in groups:
+        if group.worst.ok is not True:
+            console.print(f"{escape(group.worst.stage)}, {group.worst.law}, {escape(group.worst.case)}: {escape(group.worst.why)}")
+    untried = f", {counts['untried']} not tried" if counts["untried"] else ""
+    console.print(f"{counts['cases']} cases of {counts['stages']} stages: {counts['held']} hold, {counts['failed']} fail{untried}")
+
+
+def verdict(group: Any, every: bool) -> str:
+    if group.failed:
+        return "FAILS" if every or group.cases == 1 else f"{group.failed} FAIL"
+    if group.untried:
+        return "not tried"
+    return "refused" if every and group.worst.why.startswith("refused") else "holds"
+
+
+def number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
+
+
+@contextmanager
+def trying() -> Iterator[Callable[[int, int, str], None]]:
+    """A bar on stderr; silent where stderr is no terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total, name: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("parts"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("starting", total=None)
+        yield lambda done, total, name: progress.update(task, completed=done, total=total, description=name[:24])
