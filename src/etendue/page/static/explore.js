@@ -141,7 +141,7 @@ function tradePart(doc, scalars) {
   const chosen = opposed(able);
   const clips = clipsOf(doc.opening.front), { dims: judged = [], clipped } = doc.opening.front || {};
   let [moreX, moreY] = [moreIsBetter(chosen.x), moreIsBetter(chosen.y)], logX = false, logY = false, current = null;
-  const plot = el('div', { class: 'plot', id: 'trade' }), controls = el('div', { class: 'controls' }), table = el('div', {});
+  const plot = el('div', { class: 'plot', id: 'trade-plot' }), controls = el('div', { class: 'controls' }), table = el('div', {});
   const collect = () => {
     const dims = doc.axes.map((a) => a.dim).filter((dim) => chosen.x.figure.axes.includes(dim) || chosen.y.figure.axes.includes(dim)), sizes = dims.map((dim) => axisOf(dim).values.length), total = sizes.reduce((a, b) => a * b, 1);
     const xs = [], ys = [], places = [], faint = [], at = {}, judge = clips && judged.every((dim) => dims.includes(dim));
