@@ -13,12 +13,12 @@ function openingPart(doc, scalars) {
   const on = front && [front.x, front.y].map((one) => scalars.find((s) => isSaid(s, one)));
   const figuresOf = el('dl', { class: 'big open' });
   follow(() => clear(figuresOf, numbers.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, named(s.figure.variable)), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner))), el('dd', { class: 'soft' }, s.figure.label)))));
-  const moved = el('p', { class: 'note moved' });
-  follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]); clear(moved, here || !dims.length ? null : [`Picture and figures are of ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
+  const moved = el('p', { class: 'note moved' }), limitHead = el('h3', {}), wrongHead = el('h3', {});
+  follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]), of = here ? 'it' : front ? 'the choice' : 'where the page begins'; clear(limitHead, `What limits ${of}`); clear(wrongHead, `How far ${of} may be wrong`); clear(moved, here || !dims.length ? null : [`${picture ? 'Picture and figures' : 'Figures'} are of ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
   const swept = doc.axes.filter((axis) => axis.values.length > 1), title = front ? `Build ${front.dims.map((dim) => called(axisOf(dim), doc.start[dim])).join(', ')}` : swept.length ? 'One exposure of the sweep' : 'The exposure';
   const words = el('div', { class: 'words' }, front ? [el('p', { class: 'why' }, whyOf(front, on)), rangesOf(front, doc.start)] : el('p', { class: 'why' }, swept.length ? `At ${where(swept.map((a) => a.dim), doc.start)}; the sliders choose another. No two figures of this sweep stand against each other: there is nothing to choose by.` : doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}.` : 'One camera, nothing swept.'), moved, front ? frontPlot(doc, front, on) : null);
   const limit = limitsOf(doc, limits, front, on), wrong = errorOf(doc, error);
-  const below = [limit.length ? el('div', { class: 'limits' }, el('h3', {}, 'What limits it'), limit) : null, el('div', { class: 'wrong' }, el('h3', {}, 'How far it may be wrong'), wrong)];
+  const below = [limit.length ? el('div', { class: 'limits' }, limitHead, limit) : null, el('div', { class: 'wrong' }, wrongHead, wrong)];
   const kept = el('div', { class: 'kept' }, el('h3', {}, 'In figures'), figuresOf);
   const made = section('cell', title, '', el('div', { class: `card first${picture ? '' : ' plain'}${front ? '' : ' alone'}` },
     picture, el('div', {}, words, front ? null : kept, front ? null : el('div', { class: 'beneath two-up' }, below)),
