@@ -20,11 +20,11 @@ from typing import Any
 from PIL import Image
 
 import etendue
-from etendue.page.html import page, static
-from etendue.page.live import Live
-from etendue.page.notebook import answer
-from etendue.page.report import report
-from etendue.page.server import Server
+from etendue.present.page.html import page, static
+from etendue.present.page.live import Live
+from etendue.present.page.notebook import answer
+from etendue.present.page.report import report
+from etendue.present.page.server import Server
 
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
 WAIT = 120_000  # ms: a loaded machine is slow, not wrong
