@@ -58,8 +58,9 @@ def both(first: float, second: float, confidence: float) -> float:
     The density of the sum is a trapezium. Of 200,000 drawn sums the share below is right within 1e-3.
     """
     large, small = max(first, second), min(first, second)
-    tail = large + small - 2 * math.sqrt((1 - confidence) * large * small)
-    return tail if tail >= large - small else confidence * large
+    if confidence * large <= large - small:
+        return confidence * large
+    return large + small - 2 * math.sqrt((1 - confidence) * large * small)
 
 
 SHEPPARD = 1 / 12  # of a step, squared: what rounding adds to a variance that is spread over the numbers
