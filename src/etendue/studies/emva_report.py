@@ -19,6 +19,7 @@ FIGURES = (
     "gain", "read_noise", "dark_current", "full_well", "dsnu", "prnu", "linearity_error", "saturation_capacity", "absolute_sensitivity",
     "dynamic_range", "snr_max", "quantum_efficiency",
 )  # fmt: skip
+HIDDEN = ("read_noise", "dark_current", "dsnu")  # what rounding moves where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
 STEPPED = ("saturation_capacity", "dynamic_range", "snr_max")  # known to a step between levels, which no interval of pixels holds
 UNITS = {
@@ -70,7 +71,7 @@ class SensorChannel:
             held = bool(estimate.low <= expected <= estimate.high) if known and expected is not None else None
             found.append({
                 "figure": name, "unit": UNITS.get(name, "1"), "value": estimate.value, "low": estimate.low, "high": estimate.high,
-                "expected": expected, "held": held,
+                "expected": expected, "held": held, "covered": not (self.measurement.hidden and name in HIDDEN),
             })  # fmt: skip
         return found
 

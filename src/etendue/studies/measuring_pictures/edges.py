@@ -15,6 +15,7 @@ import scipy
 from etendue.errors import RequestError
 from etendue.physics.electronics.rounding import both, lasting_error
 from etendue.physics.resolution.edge_interval import CLIPPED, EdgeResolution, edge_resolution
+from etendue.physics.resolution.edge_rewritten import AGAIN
 from etendue.physics.resolution.edge_shape import EdgeShape, edge_shape
 from etendue.physics.resolution.slanted_edge import SMALLEST
 from etendue.studies.measuring_pictures.finding import reason, slanted, strips_of
@@ -29,6 +30,7 @@ ALONE = 0.02  # of the step, rms about the edge up to which nothing else stands 
 CLEARER = 1.5  # times the ratio of step to rest that a strip of a region has, where something else stands in the region
 TILTED = 1.92  # errors of MTF50, of what both levels are wrong by: holds 96 % of 400 edges in 8 bits without noise
 LOST, COARSER, FINER = 0.0235, 2.0, 8.34  # of MTF50: see `_lost`
+FINE, TWICE = 2.0, 0.5  # mean step of a table below which edges written again show little but rounding, and how much of that is both's
 METHOD = 5e-4  # of MTF50: error of the method itself (`slanted_edge`), below which no interval says anything
 SEEN = 5.0  # times the noise: what a step takes to be seen by eye; noise alone has 3.3
 HIDDEN = "its step is lost in noise"
@@ -146,18 +148,10 @@ def _measured(photograph: Photograph, place: Window, channel: str, confidence: f
     ends_of_line = [[response.place + turn * part, middle + part] for part in (-middle, middle)]
     line = [[inner.x + (u if found.vertical else v), inner.y + (v if found.vertical else u)] for u, v in ends_of_line]
     levels = tuple(float(v) for v in np.percentile(image if sites is None else image[sites], (5, 95)))
-    doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
-    further = math.hypot(doubt, float(scipy.special.ndtri(0.5 + 0.5 * confidence)) * lost)
-    fifty = _wider(found.mtf50, found.mtf50_low, found.mtf50_high, further, lost)
-    ten = _wider(found.mtf10, found.mtf10_low, found.mtf10_high, further, lost)
-    conservative = bool(fifty[1] - fifty[0] < 2 * METHOD * found.mtf50)
-    if conservative:
-        fifty, ten = _wider(found.mtf50, *fifty, METHOD), _wider(found.mtf10, *ten, METHOD)
     return {
         "region": str(inner), "channel": channel, "angle": found.angle, "near": "columns" if found.vertical else "rows",
         "bend": None if shape is None else shape.bend, "line": line, "half_width": response.half_width,
-        "mtf50": found.mtf50, "mtf10": found.mtf10, "mtf50_low": fifty[0], "mtf50_high": fifty[1], "mtf10_low": ten[0],
-        "mtf10_high": ten[1], "conservative": conservative, "rounding": doubt, "compression": _compression(found, lost),
+        "mtf50": found.mtf50, "mtf10": found.mtf10, **_intervals(photograph, levels, found, confidence),
         "mtf_nyquist": found.mtf_nyquist, "rise": found.rise, "contrast": response.contrast, "snr": found.snr, "clipped": clipped,
         "doubts": list(found.doubts), "not_covered": _untried(photograph, channel, found, _step(image, sites)),
         "flags": [*found.flags, *(["clipped"] if clipped > CLIPPED and not found.clipped else [])],
@@ -176,8 +170,24 @@ def _untried(photograph: Photograph, channel: str, found: EdgeResolution, step: 
     return [name for name, outside in seen.items() if outside]
 
 
-def _compression(found: EdgeResolution, lost: float) -> dict[str, float] | None:
-    return None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread, "lost": lost}
+def _intervals(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> dict[str, Any]:
+    """Intervals of noise with what a file adds to them, all parts in squares, and those parts, of MTF50."""
+    doubt, lost = _rounding(photograph, levels, found, confidence), _lost(photograph, levels, found)
+    z = float(scipy.special.ndtri(0.5 + 0.5 * confidence))
+    again = found.written[0] if found.written is not None and math.isfinite(found.written[0].spread) else None
+    if again is not None and (mean := float(np.mean(photograph.table))) < FINE:
+        doubt = math.sqrt(max(doubt**2 - TWICE * (z * AGAIN * again.spread / mean) ** 2, 0.0))
+    further = math.hypot(doubt, z * lost)
+    fifty = _wider(found.mtf50, found.mtf50_low, found.mtf50_high, further, lost)
+    ten = _wider(found.mtf10, found.mtf10_low, found.mtf10_high, further, lost)
+    conservative = bool(fifty[1] - fifty[0] < 2 * METHOD * found.mtf50)
+    if conservative:
+        fifty, ten = _wider(found.mtf50, *fifty, METHOD), _wider(found.mtf10, *ten, METHOD)
+    return {
+        "mtf50_low": fifty[0], "mtf50_high": fifty[1], "mtf10_low": ten[0], "mtf10_high": ten[1],
+        "conservative": conservative, "rounding": doubt,
+        "compression": None if found.written is None else {"bias": found.written[0].bias, "spread": found.written[0].spread, "lost": lost},
+    }  # fmt: skip
 
 
 def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution) -> float:
