@@ -198,7 +198,7 @@ def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResoluti
     These begin from the edge that the file has left: what it took off a sharp one they have not any more. So much that truth lies on the
     average higher, and as much is its spread: `LOST` times the squared ratio of the table's mean step to the step of the edge, times
     exp(`FINER` MTF50), up to the sharpest edge that was tried. Fitted with `edge_rewritten.BY_ROWS` to the same edges; 0.1 of MTF50 for
-    blurs of 0.35 pixels at quality 75, 0.007 at 95.
+    blurs of 0.35 pixels at quality 75, 0.005 at 95.
     """
     if not math.isfinite(found.mtf50):
         return 0.0
