@@ -17,7 +17,7 @@ NAMES = {
     "absolute_sensitivity": "sensitivity limit", "dynamic_range": "dynamic range", "snr_max": "SNR max",
     "quantum_efficiency": "quantum efficiency",
 }  # fmt: skip
-COUNTED = "of 900 simulated sensors of two kinds 4 to 7 %"  # docs/emva.md
+SENSORS = 900  # docs/emva.md
 PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
 
@@ -51,7 +51,9 @@ def print_emva(document: dict[str, Any]) -> None:
                 f"channel {one['channel']}: not covered: rounding to whole numbers hides the noise of the dark: {', '.join(hidden)}"
             )
     if known:
-        console.print(f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not ({COUNTED})")
+        least, most = (100 * (1 - share) for share in reversed(document["simulated"]))
+        counted = f"of {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
+        console.print(f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not ({counted})")
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
 

@@ -19,6 +19,7 @@ FIGURES = (
     "gain", "read_noise", "dark_current", "full_well", "dsnu", "prnu", "linearity_error", "saturation_capacity", "absolute_sensitivity",
     "dynamic_range", "snr_max", "quantum_efficiency",
 )  # fmt: skip
+SIMULATED = 0.93, 0.97  # least and most of the intervals of a figure that held what was put in: benchmarks/emva.py, 900 sensors of 2 kinds
 HIDDEN = ("read_noise", "dark_current", "dsnu")  # what rounding moves where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
 STEPPED = ("saturation_capacity", "dynamic_range", "snr_max")  # known to a step between levels, which no interval of pixels holds
@@ -98,7 +99,7 @@ class EmvaReport:
     def document(self) -> dict[str, Any]:
         """As JSON holds it: an element of ``channels`` for every channel of every camera of a sweep."""
         return {
-            "pipeline": self.pipeline, "standard": "EMVA 1288 release 4, linear", "confidence": 0.95,
+            "pipeline": self.pipeline, "standard": "EMVA 1288 release 4, linear", "confidence": 0.95, "simulated": list(SIMULATED),
             "channels": [
                 {"at": dict(c.at), "channel": c.channel, "figures": c.rows(), "photon_transfer": c.curve(), "why": c.why}
                 for c in self.channels
