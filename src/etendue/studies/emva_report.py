@@ -65,6 +65,7 @@ class SensorChannel:
     def rows(self) -> list[dict[str, Any]]:
         """A figure each: ``held`` is whether its interval holds what is expected, None where nothing is."""
         found = []
+        hidden = self.measurement is not None and self.measurement.hidden
         for name in FIGURES if self.measurement is not None else ():
             estimate = getattr(self.measurement, name)
             expected = self.expected.get(name)
@@ -72,7 +73,7 @@ class SensorChannel:
             held = bool(estimate.low <= expected <= estimate.high) if known and expected is not None else None
             found.append({
                 "figure": name, "unit": UNITS.get(name, "1"), "value": estimate.value, "low": estimate.low, "high": estimate.high,
-                "expected": expected, "held": held, "covered": not (self.measurement.hidden and name in HIDDEN),
+                "expected": expected, "held": held, "covered": not (hidden and name in HIDDEN),
             })  # fmt: skip
         return found
 
