@@ -202,7 +202,7 @@ def _lost(photograph: Photograph, levels: tuple[float, ...], found: EdgeResoluti
     """
     if not math.isfinite(found.mtf50):
         return 0.0
-    return LOST * photograph.coarse(*levels) ** COARSER * math.exp(FINER * min(found.mtf50, TRIED[1]))
+    return float(LOST * photograph.coarse(*levels) ** COARSER * math.exp(FINER * min(found.mtf50, TRIED[1])))
 
 
 def _rounding(photograph: Photograph, levels: tuple[float, ...], found: EdgeResolution, confidence: float) -> float:
