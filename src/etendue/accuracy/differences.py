@@ -3,7 +3,7 @@
 In:  the same variable of two runs, its declaration, the stage that writes it.
 Out: ``Difference``: rms over the picture and the largest pixel.
 
-Full scale is 1 for pictures without a unit (linear and encoded RGB, the linear mosaic), white - black for raw codes, and the largest
+Full scale is 1 for pictures without a unit (linear and encoded RGB), white - black for raw codes, and the largest
 value of the reference for light and charge. What has no place is relative: figures by stage each to itself, vectors and matrices to
 their largest element. ``Variable.full`` says otherwise: a share of pixels is a share of the frame.
 """

@@ -41,7 +41,7 @@ def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> di
 
 
 def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
-    """``demosaic.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
+    """``STAGE.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
     found: dict[str, Any] = {}
     for key, value in sweep.items():
         if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
