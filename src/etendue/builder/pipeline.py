@@ -168,7 +168,7 @@ class Pipeline(Extended, Source):
         return self.shared if not name.startswith("_") and name in tables() else super().__getattr__(name)
 
     def sweep(self, **axes: Any) -> Pipeline:
-        """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``, ``STAGE__use=["one", s.other()]``."""
+        """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``, ``STAGE__use=["a", s.b()]``."""
         found = {}
         for name, values in axes.items():
             if isinstance(values, str) or not isinstance(values, Mapping | Iterable):
@@ -330,7 +330,8 @@ def _no_word(word: str) -> str:
     if word in APART:
         return f"is set by the method {word}(...)" if word != "stages" else "stages are given in front, in their order"
     if word in shared_quantities.names():
-        return f"is a shared quantity: Pipeline.{next(iter(tables()))}({word}=...)"
+        own = next(iter(tables()))
+        return f"is a {own} quantity: Pipeline.{own}({word}=...)"
     return f"is no key of a pipeline{nearest(word, TOP)}"
 
 

@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.tables import tables
 from etendue.contract.units import parse_unit
 from etendue.errors import PluginError, nearest
 from etendue.plugins import discovery
@@ -62,8 +63,8 @@ def declared(name: str) -> Quantity:
     brought = discovery.installed().first("quantities", name)
     if brought is None:
         hint = nearest(name, names()) or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
-        raise PluginError(f"there is no shared quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
-    return discovery.made_of(Quantity, f"the shared quantity {name!r}", brought)
+        raise PluginError(f"there is no {next(iter(tables()))} quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
+    return discovery.made_of(Quantity, f"the {next(iter(tables()))} quantity {name!r}", brought)
 
 
 def long_name(name: str) -> str:

@@ -231,7 +231,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     for key in document:
         if key not in (*TOP, table.name):
             known = [*TOP, *tables()]
-            hint = f"; {key} is a shared quantity: set it under [{table.name}]" if key in quantities.names() else nearest(key, known)
+            hint = f"; {key} is a {table.name} quantity: set it under [{table.name}]" if key in quantities.names() else nearest(key, known)
             hint = f"; quantities stand under [{table.name}] already" if key in tables() else hint
             faults.append(Fault(key, f"unknown key{hint}"))
 
