@@ -40,7 +40,7 @@ LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
 SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
 SHOWN = 256  # samples on a side up to which a picture is kept whole
 _LOOK = object()  # what is only looked at is made small where it is made, and need not be whole
-Piece = tuple[CellRef, str]  # a variable of a cell, or its spectrum
+Piece = tuple[CellRef, str]  # a variable of a cell, or its transform
 
 
 @dataclass
@@ -319,7 +319,7 @@ class _Run:
         return float(max((self.size * g["y"].size * g["x"].size for g in grids if "y" in g and "x" in g), default=0))
 
     def padded(self, job: Job) -> float:
-        """Bytes of a band with its border, about those of its half spectrum."""
+        """Bytes of a band with its border, about those of its half transform."""
         grids = [g for g in job.input_grids.values() if "y" in g and "x" in g]
         return float(max((self.size * padded_size(g["y"].size) * padded_size(g["x"].size) for g in grids), default=0))
 

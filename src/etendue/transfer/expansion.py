@@ -33,7 +33,7 @@ def importance(frequency: FloatArray) -> FloatArray:
     return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
 
 
-def wavelength_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
+def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
     """Functions of wavelength in which the weighted transfer functions of all channels are expanded.
 
     Parameters
@@ -156,23 +156,23 @@ class RadialPlane:
             found[rows] += np.take(table, self.below[rows], mode="clip")
         return found
 
-    def add_product(self, sums: ComplexArray, half_spectrum: ComplexArray, table: FloatArray) -> None:
-        """sums += half_spectrum * table, in place."""
+    def add_product(self, sums: ComplexArray, half_transform: ComplexArray, table: FloatArray) -> None:
+        """sums += half_transform * table, in place."""
         factor = self.upper(table)
-        for rows in _blocks(*half_spectrum.shape):
+        for rows in _blocks(*half_transform.shape):
             for own, mirrored in (
                 (slice(rows.start, min(rows.stop, self.half + 1)), False),
                 (slice(max(rows.start, self.half + 1), rows.stop), True),
             ):
                 if own.stop > own.start:
                     part = factor[self.rows - own.stop + 1 : self.rows - own.start + 1][::-1] if mirrored else factor[own]
-                    sums[own] += half_spectrum[own] * part
+                    sums[own] += half_transform[own] * part
 
-    def multiply(self, half_spectrum: ComplexArray, table: FloatArray) -> None:
-        """Multiply a half spectrum (rows, columns) by a table, in place."""
+    def multiply(self, half_transform: ComplexArray, table: FloatArray) -> None:
+        """Multiply a half transform (rows, columns) by a table, in place."""
         factor = self.upper(table)
-        half_spectrum[: self.half + 1] *= factor
-        half_spectrum[self.half + 1 :] *= factor[1 : self.rows - self.half][::-1]
+        half_transform[: self.half + 1] *= factor
+        half_transform[self.half + 1 :] *= factor[1 : self.rows - self.half][::-1]
 
 
 def _blocks(rows: int, columns: int) -> list[slice]:
@@ -181,11 +181,11 @@ def _blocks(rows: int, columns: int) -> list[slice]:
     return [slice(start, min(start + each, rows)) for start in range(0, rows, each)]
 
 
-def add_weighted(sums: ComplexArray, weights: FloatArray, half_spectrum: ComplexArray) -> None:
-    """sums[c] += weights[c] * half_spectrum, in place, block by block."""
+def add_weighted(sums: ComplexArray, weights: FloatArray, half_transform: ComplexArray) -> None:
+    """sums[c] += weights[c] * half_transform, in place, block by block."""
     kind = sums.real.dtype
-    for rows in _blocks(*half_spectrum.shape):
-        block = half_spectrum[rows]
+    for rows in _blocks(*half_transform.shape):
+        block = half_transform[rows]
         for channel, weight in enumerate(weights):
             if weight:
                 sums[channel, rows] += kind.type(weight) * block
