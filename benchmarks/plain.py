@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.random import philox
-from etendue.compute.tables import SensorRandom, coordinates_of, prepared_of
+from etendue.compute.tables import PatternRandom, coordinates_of, prepared_of
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import arguments_of
 from etendue.pipeline.file import read_pipeline
@@ -115,7 +115,7 @@ class Camera:
 
     def develop(self, photocurrent: Any, whites: tuple[Any, Any], at: dict[str, int]) -> Any:
         cell = self.cell("exposure", **at)
-        sensor = SensorRandom(b"1", cell.grids["expected_charge"], self.plan.precision)
+        sensor = PatternRandom(b"1", cell.grids["expected_charge"], self.plan.precision)
         charge = cell.stage.run(np.maximum(photocurrent, 0), sensor)["expected_charge"]
         cell = self.cell("shot_noise", **at)
         charge = cell.stage.run(charge, philox(cell.seed))["charge"]

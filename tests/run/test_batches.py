@@ -66,7 +66,7 @@ def job_of(number, needs, seconds):
         ref=(f"n{number}", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "[1]")}, grids={"out": Grid()},
         input_grids={port: Grid() for port in PORTS[: len(needs)]},
         inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
-        left_out=False, seed=b"", sensor_serial=b"", precision="float64", store=(), deliver=("out",), target=None, seconds=seconds,
+        left_out=False, seed=b"", pattern_of=b"", precision="float64", store=(), deliver=("out",), target=None, seconds=seconds,
     )  # fmt: skip
 
 

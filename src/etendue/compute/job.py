@@ -20,7 +20,7 @@ from etendue.contract.variables import Declaration
 from etendue.plan.model import CellRef
 from etendue.plan.words import Open
 
-Found = tuple[tuple[str, CellRef, str], ...]  # camera quantities, and the cells and variables that hold them
+Found = tuple[tuple[str, CellRef, str], ...]  # shared quantities, and the cells and variables that hold them
 
 
 @dataclass(eq=False)
@@ -106,7 +106,7 @@ class Job:
     inputs: Found
     left_out: bool
     seed: bytes
-    sensor_serial: bytes  # whose fixed patterns the stage is given
+    pattern_of: bytes  # whose fixed patterns the stage is given
     precision: str
     store: tuple[str, ...]
     deliver: tuple[str, ...]

@@ -20,7 +20,7 @@ from etendue.contract.capabilities import Summed
 from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
 from etendue.contract.roles import Sheet
-from etendue.contract.stage import looks_at_stages, reads_of
+from etendue.contract.stage import Stage, looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
 
@@ -148,7 +148,7 @@ class Jobs(Mapping[CellRef, Job]):
         return Job(
             ref=cell.ref, task="compute" if computed else "load", stage=cell.stage, writes=node.writes,
             grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
-            sensor_serial=str(vars(cell.stage).get("sensor_serial", "")).encode(), precision=plan.precision, store=store,
+            pattern_of=_pattern_of(cell.stage), precision=plan.precision, store=store,
             deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
             seconds=seconds, by_band=bands, segment=segment,
             looking=self._looking(cell) if cell.looks_at else None,
@@ -226,6 +226,12 @@ class Jobs(Mapping[CellRef, Job]):
         return known
 
 
+def _pattern_of(stage: Stage) -> bytes:
+    """Whose fixed patterns a stage is given."""
+    identity = next(iter(patterns_of(type(stage)).values()), "")
+    return str(vars(stage).get(identity, "")).encode()
+
+
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
     """Which of the dims that a cell is mapped over lead each variable that it depends on, as positions."""
     dims = [dim for dim, _ in cell.mapped]
@@ -250,7 +256,7 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
     """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in front of it.
 
     So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum over
-    wavelength is expanded.
+    bands is expanded.
     """
     node = nodes[cell.node]
     if not node.segment or cell.segment_input is None:

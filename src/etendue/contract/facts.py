@@ -16,7 +16,7 @@ Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 
 @dataclass(frozen=True)
 class Content:
-    """What light holds by wavelength band and by radial frequency, relative to ``full``, the largest value of any band.
+    """What light holds by band and by radial frequency, relative to ``full``, the largest value of any band.
 
     Values are rounded up to three digits, so that no platform's last bits decide what is left out.
 

@@ -48,7 +48,7 @@ def decide(
     main = next(p for p, d in reads_of(type(stage)).items() if d.variable == writes[0].variable)
     own, grid = facts[main], grids_in[main]
     found = _of_the_stage(rule, stage, own, grid)
-    if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and "wavelength" in grid:
+    if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and grid.banded:
         changed = _of_the_content(rule, stage, own, grid)
         found = found if changed is None else _less(found, changed)
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:

@@ -23,7 +23,7 @@ from etendue.compute.jobs import make_jobs
 from etendue.compute.rows import has_rows
 from etendue.compute.tables import LARGEST_CACHE, LARGEST_PATTERN
 from etendue.contract.capabilities import halo_of, is_random, is_source
-from etendue.contract.stage import arguments_of
+from etendue.contract.stage import patterns_of
 from etendue.plan import cost
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
@@ -307,8 +307,8 @@ class _Run:
         return ref in self.jobs and variable in self.jobs[ref].by_band
 
     def patterns(self, job: Job) -> float:
-        """What belongs to the sensor is remembered."""
-        if "rng_sensor" not in arguments_of(type(job.stage)):
+        """Fixed patterns are remembered."""
+        if not patterns_of(type(job.stage)):
             return 0.0
         size = max(self.size * grid["y"].size * grid["x"].size for grid in job.grids.values() if "y" in grid and "x" in grid)
         return 0.0 if job.walk and size > LARGEST_PATTERN else size

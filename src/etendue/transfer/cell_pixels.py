@@ -1,7 +1,7 @@
 """Pixels anywhere on blurred cells: an extended matrix Fourier transform, and what a pixel's window is.
 
 In:  half transforms of cell means, transfer functions at any frequency (cycles/um), places and widths of windows.
-Out: (channel, y, x) values of the windows, summed over wavelength.
+Out: (channel, y, x) values of the windows, summed over bands.
 Sources: as ``cells``. The light is boxes side by side: its transform is that of its means, repeated without end, times sinc.
 """
 
@@ -23,13 +23,13 @@ def evaluated(
     centres: tuple[FloatArray, FloatArray],
     widths: tuple[float, float],
 ) -> FloatArray:
-    """Windows anywhere on blurred cells, summed over wavelength: an extended matrix Fourier transform.
+    """Windows anywhere on blurred cells, summed over bands: an extended matrix Fourier transform.
 
     Parameters
     ----------
     otfs, reaches : of every band
-    weights : (channel, wavelength) array
-    transforms : (wavelength, y.size, x.size // 2 + 1) complex array
+    weights : (channel, band) array
+    transforms : (band, y.size, x.size // 2 + 1) complex array
         Half transforms of cell means.
     y, x : Axis
     centres : (n,), (m,) arrays, cells

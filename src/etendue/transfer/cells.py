@@ -67,7 +67,7 @@ def reach_of(otf: Transfer, step: float) -> Reach:
 
     Parameters
     ----------
-    otf : transfer function of one wavelength; exactly 1 at zero
+    otf : transfer function of one band; exactly 1 at zero
     step : float, um
         The smaller side of a cell.
 
@@ -179,7 +179,7 @@ def folded(otf: Transfer, reach: Reach, y: Axis, x: Axis, along_y: Rule, along_x
 
     Parameters
     ----------
-    otf : transfer function of one wavelength
+    otf : transfer function of one band
     reach : from ``reach_of``
     y, x : Axis
     along_y, along_x : Rule

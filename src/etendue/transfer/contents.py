@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.bounds import MOST_VALUES
-from etendue.contract.capabilities import Banded, Source
+from etendue.contract.capabilities import Banded, Source, is_random
 from etendue.contract.coordinates import coordinates_of
+from etendue.contract.dims import is_light
 from etendue.contract.facts import Content
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, arguments_of, writes_of
@@ -28,8 +29,8 @@ AT_ONCE = 1 << 24  # values that are made together: of one band, or of all where
 
 
 def light_of(source: type[Source]) -> str | None:
-    """The variable of a source that is light by wavelength and place; None where there is none."""
-    return next((d.variable for d in writes_of(source).values() if set(d.dims) == {"wavelength", "y", "x"}), None)
+    """The variable of a source that is light by band and place; None where there is none."""
+    return next((d.variable for d in writes_of(source).values() if len(d.dims) == 3 and is_light(d.dims)), None)
 
 
 def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
@@ -44,7 +45,7 @@ def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
 
 def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     variable = light_of(type(source))
-    if variable is None or {"rng", "rng_sensor"} & set(arguments_of(type(source))):
+    if variable is None or is_random(type(source)):
         return None
     grid = grids[variable]
     y, x = grid.line("y"), grid.line("x")

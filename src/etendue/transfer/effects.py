@@ -1,6 +1,6 @@
 """What a blur does to light of which is known what it holds: sums over rings of radial frequency.
 
-In:  transfer stages, wavelength bins, the ``Content`` of what they read.
+In:  transfer stages, edges of bands, the ``Content`` of what they read.
 Out: how much leaving them out changes, rms over the frame and at the largest pixel, and what they leave for the next.
 """
 
@@ -26,7 +26,7 @@ def change(stage: Transfer, edges: tuple[float, ...], content: Content, norm: st
     Parameters
     ----------
     stage : Transfer
-    edges : wavelength bins, nm
+    edges : of the bands
     content : Content
         Of what it reads.
     norm : 'rms' or 'max'
@@ -45,7 +45,7 @@ def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Conte
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
-    """(direction, wavelength, n): the product of transfer functions along rays; one direction where all of them are radial."""
+    """(direction, band, n): the product of transfer functions along rays; one direction where all of them are radial."""
     points = tuple(map(float, frequency))
     found: Any = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
@@ -55,7 +55,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
 
 @lru_cache(48)
 def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
-    """Of one stage, asked once: the same lens stands in front of many pixels."""
+    """Of one stage, asked once: the same stage stands in front of many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
         return product.along(frequency)[None]
@@ -72,7 +72,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 
 @lru_cache(96)
 def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
-    """(wavelength, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
+    """(band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
     found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
     changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
     return changed, passed

@@ -1,9 +1,9 @@
-"""Sums over wavelength of filtered light: few transforms instead of one for every band.
+"""Sums over bands of filtered light: few transforms instead of one for every band.
 
 In:  the weights of the channels by band, transfer functions by band and radial frequency.
-Out: a basis over wavelength, radial tables looked up on planes of frequencies, and what an expansion leaves out.
+Out: a basis over the bands, radial tables looked up on planes of frequencies, and what an expansion leaves out.
 
-A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly with wavelength, all w_c(l) T_l(f) are close
+A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly from band to band, all w_c(l) T_l(f) are close
 to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
 sum_k u_ck(f) FFT[ sum_l g_k(l) x_l ].
 """
@@ -34,21 +34,21 @@ def importance(frequency: FloatArray) -> FloatArray:
 
 
 def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
-    """Functions of wavelength in which the weighted transfer functions of all channels are expanded.
+    """Functions of the band in which the weighted transfer functions of all channels are expanded.
 
     Parameters
     ----------
-    weights : (channel, wavelength) array, not negative
+    weights : (channel, band) array, not negative
     planes : int
         At least as many as there are channels; no more are made than there are bands with weight.
-    transfer : (wavelength, frequency) array
+    transfer : (band, frequency) array
         The transfer functions at some radial frequencies.
     passed : (frequency,) array, not negative
         How much an error at each of these frequencies matters.
 
     Returns
     -------
-    (planes, wavelength) array
+    (planes, band) array
         g, orthonormal under 1 / total weight: with which weight each band enters each plane; 0 in bands without weight. The
         weights of the channels lie in their span, so that uniform light is exact.
 
@@ -99,14 +99,14 @@ def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatAr
 
     Parameters
     ----------
-    weights : (channel, wavelength) array
-    transfer : (wavelength, frequency) array
-    basis : (planes, wavelength) array
-        As ``wavelength_basis`` gives it.
+    weights : (channel, band) array
+    transfer : (band, frequency) array
+    basis : (planes, band) array
+        As ``band_basis`` gives it.
 
     Returns
     -------
-    (channel, wavelength, frequency) array
+    (channel, band, frequency) array
         |w_l T_l - sum_k u_k g_k(l)| / sum_l w_l.
     """
     weights = np.asarray(weights, dtype=float)

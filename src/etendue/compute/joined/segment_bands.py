@@ -17,7 +17,7 @@ import numpy as np
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
-from etendue.compute.tables import TABLES, prepared_of
+from etendue.compute.tables import TABLES, prepared_of, prepared_on
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.stage import state_of
@@ -42,7 +42,7 @@ class GridTransfer:
 
     @cached_property
     def product(self) -> Product:
-        return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_of(stage, {"irradiance": self.grid}, {}))
+        return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_on(stage, self.grid))
 
     @cached_property
     def _rows(self) -> Any:
@@ -72,7 +72,7 @@ class GridTransfer:
 
     @cached_property
     def table(self) -> Any:
-        """(wavelength, node): the product on the radial nodes."""
+        """(band, node): the product on the radial nodes."""
         return self.product.along(self.plane.nodes)
 
     def apply(self, half_transform: Any, band: int) -> None:
@@ -151,21 +151,21 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False, share=kept)[:, None]
     fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
-    aperture = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
-    if aperture.shape[0] > 1:
+    last = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
+    if last.shape[0] > 1:
         raise ValueError(f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
-    aperture = aperture.reshape(aperture.shape[-2:]).astype(np.result_type(channels.real if aperture.dtype.kind == "f" else channels))
+    last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
     out, where = job.grids[name], []
     for dim, line in (("y", y), ("x", x)):
         start, step = out.line(dim).um()
         where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
     if sums is not None:  # others read the transforms too
-        behind = channels * aperture
-        behind *= sums[:, None, None].astype(aperture.real.dtype)
+        behind = channels * last
+        behind *= sums[:, None, None].astype(last.real.dtype)
         return {name: sampling.sample(behind, y.size, x.size, where[0], where[1]).astype(job.precision, copy=False)}
     planes = np.empty((channels.shape[0], where[0][2], where[1][2]), dtype=job.precision)
     for channel, half in enumerate(channels):
-        half *= aperture
+        half *= last
         planes[channel] = sampling.sample(half, y.size, x.size, where[0], where[1])
     return {name: planes}
 
@@ -214,7 +214,7 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
 
 
 def _gathered(light: Any, basis: Any) -> Any:
-    """Few planes, each a sum over wavelength: every channel is a mixture of them."""
+    """Few planes, each a sum over bands: every channel is a mixture of them."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []
     for band, plane in enumerate(in_order(light)):

@@ -18,7 +18,7 @@ import numpy as np
 
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
-from etendue.compute.tables import TABLES, prepared_of
+from etendue.compute.tables import TABLES, prepared_of, prepared_on
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
@@ -47,7 +47,7 @@ class CellTransfer:
     @cached_property
     def product(self) -> Product:
         def prepared(stage: Stage, _: Any) -> Any:
-            return self.last[1] if self.last and stage is self.last[0] else prepared_of(stage, {"irradiance": self.grid}, {})
+            return self.last[1] if self.last and stage is self.last[0] else prepared_on(stage, self.grid)
 
         return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
 
@@ -119,7 +119,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
 
 
 def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
-    """Sums over wavelength at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
+    """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
     prepared = prepared_of(end, job.input_grids, job.grids)
     weights: Any = weights_of(end, prepared).astype(float)
     (out,) = job.grids.values()

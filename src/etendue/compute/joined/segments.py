@@ -48,7 +48,7 @@ class Result:
 
 
 def _on_grid(job: Job, stage: Transfer) -> Any:
-    """(wavelength or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
+    """(band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")
     edges = grid.bands().edges
