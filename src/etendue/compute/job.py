@@ -11,10 +11,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
-from etendue.contract.capabilities import Sampled, Summed, Transfer, mean_arguments_of
+from etendue.contract.capabilities import Sampled, Sheet, Summed, Transfer, mean_arguments_of
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.ports import Target
-from etendue.contract.roles import Sheet
 from etendue.contract.stage import Stage, arguments_of, looks_at_stages
 from etendue.contract.variables import Declaration
 from etendue.plan.model import CellRef

@@ -16,10 +16,9 @@ from typing import Any
 from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
 from etendue.compute.walks import with_walks
-from etendue.contract.capabilities import Summed
+from etendue.contract.capabilities import Sheet, Summed
 from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
-from etendue.contract.roles import Sheet
 from etendue.contract.stage import Stage, looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of

@@ -151,6 +151,41 @@ class Sampled(Stage):
         random numbers aside."""
 
 
+class Noisy(Stage):
+    """A stage that adds noise to the level of a place, and knows how much.
+
+    ``by_line``: whole rows or columns share the noise. ``inherent``: it follows from the level alone, as counts scatter, so that who
+    counts noise knows it without a datasheet. Rounding is noise too: a twelfth of the square of its step.
+    """
+
+    by_line: ClassVar[bool] = False
+    inherent: ClassVar[bool] = False
+
+    @abstractmethod
+    def variance(self, level: float) -> float:
+        """What is added to the variance of a place with a mean level, in the square of its unit."""
+
+
+class Datasheet(Stage):
+    """A stage that knows figures of itself which a measurement finds again, and at which others may look."""
+
+    @abstractmethod
+    def datasheet(self) -> Mapping[str, float]:
+        """Figures by name: those that whoever looks at them knows."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sheet:
+    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that has no datasheet."""
+
+    role: str
+    figures: Mapping[str, float]
+
+    @classmethod
+    def of(cls, stage: Stage) -> Sheet:
+        return cls(stage.role, dict(stage.datasheet()) if isinstance(stage, Datasheet) else {})
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Probe(Stage):
     """A stage that looks at all stages in order: reads ``"*.transfer"`` or ``"*.<variable>"``.

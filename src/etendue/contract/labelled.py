@@ -27,7 +27,8 @@ def labelled(kind: _Kind) -> _Kind:
 
     ``run(self, data)`` reads ``data["rgb_linear"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with
     ``y_um``, ``x_um`` on the image plane), ``channel``, and the attributes of the vocabulary; it returns a Dataset (or a mapping
-    of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, fixed patterns and ``asked``.
+    of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, fixed
+    patterns and ``asked``.
 
     Raises
     ------

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from etendue.contract.capabilities import Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
-from etendue.contract.roles import Datasheet
+from etendue.contract.capabilities import Datasheet, Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
 from etendue.contract.stage import looks, looks_at_stages, optional_ports, parameters_of, quantities_of, reads_of, writes_of
 from etendue.contract.units import same_unit
 from etendue.contract.variables import Declaration

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from etendue.contract.bounds import MOST_CELLS, beyond, number
-from etendue.contract.capabilities import Probe, Source, Summed, Transfer
+from etendue.contract.capabilities import Noisy, Probe, Source, Summed, Transfer
 from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.found import Found
 from etendue.contract.grid import Grid
-from etendue.contract.roles import Noisy
 from etendue.contract.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import Pipeline

@@ -13,10 +13,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from etendue.contract.capabilities import Bounded, Summed, Transfer
+from etendue.contract.capabilities import Bounded, Noisy, Summed, Transfer
 from etendue.contract.facts import Facts
 from etendue.contract.grid import Grid
-from etendue.contract.roles import Noisy
 from etendue.contract.stage import Stage, reads_of, writes_of
 from etendue.plan.asking import negligible, variance_of
 from etendue.plan.model import LeftOut
@@ -92,7 +91,7 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
         return None
     low, high = max(facts.low, 0.0), max(facts.high, 0.0)
     own = variance_of(stage, low)
-    if low == 0 or own is None or own > low:  # shot noise is always there, and this is more
+    if low == 0 or own is None or own > low:  # counts scatter by as much, and this is more
         return None
     every = noises()
     if every is None:

@@ -15,7 +15,6 @@ from typing import Any
 from etendue.contract import quantities as camera
 from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
-from etendue.contract.roles import REFERENCE
 from etendue.contract.stage import reads_of
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.pipeline.file import Pipeline
@@ -24,6 +23,7 @@ from etendue.pipeline.presets import preset
 from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
 from etendue.plan.sensors import SENSOR
+from etendue_camera.roles import REFERENCE
 
 
 @dataclass(frozen=True)

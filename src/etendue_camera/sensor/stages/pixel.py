@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, Transfer, param, quantity
-from etendue.contract.roles import CROSSTALK
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, param, quantity
 from etendue.contract.stage import state_of
 from etendue.transfer.sampling import on_unique_rows
 from etendue_camera import spectra
+from etendue_camera.roles import CROSSTALK, InSilicon
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages import missing
 from etendue_camera.sensor.stages.sensitivity import (
