@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from etendue.contract.units import to_unit
 from etendue.plugins import discovery
 
 PLACE = ("y", "x")  # the dims of a picture
@@ -31,13 +30,11 @@ class Dim:
     long_name: str = ""
     standard_name: str = ""
 
-    def __post_init__(self) -> None:
-        if self.asked_in not in ("", self.units):
-            to_unit(f"1 {self.units}", self.asked_in)  # or it says what is wrong
-
     @cached_property
     def factor(self) -> float:
         """From the unit of the middles to that in which transfer functions are asked."""
+        from etendue.contract.units import to_unit  # of transfer functions alone: it stands in the code behind these
+
         return to_unit(f"1 {self.units}", self.asked_in) if self.asked_in not in ("", self.units) else 1.0
 
 
