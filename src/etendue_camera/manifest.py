@@ -68,6 +68,22 @@ def etendue_spectra() -> dict[str, str]:
 
 
 @hookimpl
+def etendue_dims() -> dict[str, Any]:
+    name = {"long_name": "wavelength", "standard_name": "radiation_wavelength"}
+    return {"wavelength": {"bins": True, "units": "nm", "asked_in": "um", **name}}
+
+
+@hookimpl
+def etendue_units() -> dict[str, str]:
+    return {"electron": "", "DN": ""}
+
+
+@hookimpl
+def etendue_patterns() -> dict[str, str]:
+    return {"rng_sensor": "sensor_serial"}
+
+
+@hookimpl
 def etendue_commands() -> dict[str, Any]:
     return {
         "sensors": {

@@ -10,7 +10,8 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etendue.contract.stage import COORDINATES, SPECIAL, Stage, reads_of, writes_of
+from etendue.contract.dims import PLACE, dim
+from etendue.contract.stage import SPECIAL, Stage, identity_of, reads_of, writes_of
 from etendue.contract.units import same_unit
 from etendue.contract.variables import Declaration, variable
 from etendue.errors import PluginError
@@ -19,15 +20,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _Kind = TypeVar("_Kind", bound=type[Stage])
-UNITS = {"wavelength": "nm", "y_um": "um", "x_um": "um"}
 
 
 def labelled(kind: _Kind) -> _Kind:
     """Let ``run`` of a stage work on labels.
 
-    ``run(self, data)`` reads ``data["rgb_camera"]`` with the coordinates ``wavelength`` (nm), ``y``, ``x`` (with ``y_um``, ``x_um``
-    on the image plane), ``channel``, and the attributes of the vocabulary; it returns a Dataset (or a mapping of arrays) of what
-    ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, ``rng_sensor`` and ``asked``.
+    ``run(self, data)`` reads ``data["rgb_linear"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with
+    ``y_um``, ``x_um`` on the image plane), ``channel``, and the attributes of the vocabulary; it returns a Dataset (or a mapping
+    of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, fixed
+    patterns and ``asked``.
 
     Raises
     ------
@@ -36,12 +37,12 @@ def labelled(kind: _Kind) -> _Kind:
     """
     body = kind.run
     asked = [name for name in list(inspect.signature(body).parameters)[1:] if name != "data"]
-    unknown = [name for name in asked if name not in SPECIAL]
+    unknown = [name for name in asked if not (name in SPECIAL or identity_of(name))]
     if unknown:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}")
     reads, writes = reads_of(kind), writes_of(kind)
-    known = {dim for declaration in reads.values() for dim in declaration.dims}
-    wanted = [name for name in sorted(COORDINATES) if name.removesuffix("_um") in known and name != "stage"]
+    known = {own for declaration in reads.values() for own in declaration.dims if own != "stage"}
+    wanted = sorted(known | {f"{own}_um" for own in PLACE if own in known})
 
     def run(self: Stage, **given: Any) -> dict[str, Any]:
         data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, given)
@@ -62,10 +63,10 @@ def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], given: Mapping[str, 
     import xarray as xr
 
     coordinates: dict[str, Any] = {}
-    for name in ("wavelength", "y", "x", "channel"):
-        values = given.get(name)
-        if values is not None:
-            coordinates[name] = (name, values, {"units": UNITS[name]} if name in UNITS else {})
+    dims = {own for declared, _ in arrays.values() for own in declared.dims}
+    for name in (own for declared, _ in arrays.values() for own in declared.dims):
+        if given.get(name) is not None:
+            coordinates[name] = (name, given[name], {"units": dim(name).units} if dim(name).units else {})
     for name in ("y_um", "x_um"):
         if given.get(name) is not None:
             coordinates[name] = (name[0], given[name], {"units": "um", "long_name": f"{name[0]} on the image plane"})
@@ -73,7 +74,6 @@ def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], given: Mapping[str, 
     for port, (declared, array) in arrays.items():
         attributes = {"units": declared.unit, "long_name": variable(declared.variable).long_name}
         variables[port] = (declared.dims, array, attributes)
-    dims = {dim for declared, _ in arrays.values() for dim in declared.dims}
     used = {name: value for name, value in coordinates.items() if value[0] in dims}
     return xr.Dataset(variables, coords=used)
 
@@ -110,8 +110,8 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
         unit = array.attrs.get("units", declared.unit)
         if not same_unit(unit, declared.unit):
             raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
-        for dim in declared.dims:
-            if dim in array.coords and dim in data.coords and not array.coords[dim].equals(data.coords[dim]):
-                raise PluginError(f"{name} gave {declared.variable} at another {dim} than it read; what changes the grid says so in grid()")
+        for own in declared.dims:
+            if own in array.coords and own in data.coords and not array.coords[own].equals(data.coords[own]):
+                raise PluginError(f"{name} gave {declared.variable} at another {own} than it read; what changes the grid says so in grid()")
         arrays[declared.variable] = array.transpose(*declared.dims).to_numpy()
     return arrays

@@ -62,6 +62,32 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 
 @hookspec
+def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Dims that are cut into bands, or have a unit and a name of their own (``contract.dims.Dim``). Stages may ask for the coordinates of
+    a dim by its name, and for the edges of its bands as ``NAME_edges``.
+
+    {"frequency": {"bins": True, "units": "Hz", "long_name": "frequency"}}
+    """
+
+
+@hookspec
+def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """Units beside those of the SI: '' for one that is made of no others, or what one of it is.
+
+    {"grain": "", "stop": "0.3 grain"}
+    """
+
+
+@hookspec
+def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """Generators of fixed patterns, random numbers by absolute position that are the same in every cell: the argument of ``run`` by which
+    a stage asks for one, and the shared quantity that says whose patterns they are.
+
+    {"rng_film": "film_serial"}
+    """
+
+
+@hookspec
 def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
     """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does (``cli.commands.Command``).
 
@@ -79,8 +105,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` there are
-    none.
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` where
+    there are none.
 
     {"halation": "my_film.study:shares_at"}
     """

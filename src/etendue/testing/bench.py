@@ -22,11 +22,10 @@ from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
 from etendue.compute.strips import in_strips
 from etendue.contract import quantities
-from etendue.contract.capabilities import Summed, Transfer, is_random, is_source, no_coordinates
+from etendue.contract.capabilities import Sheet, Summed, Transfer, is_random, is_source, no_coordinates
 from etendue.contract.facts import Facts
 from etendue.contract.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.contract.ports import CellReport
-from etendue.contract.roles import Sheet
 from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
 from etendue.contract.variables import Declaration
 from etendue.plan.forms import output_grid
@@ -229,7 +228,7 @@ class Bench:
         )  # fmt: skip
         return Job(
             ref=("stage", ()), task="compute", stage=self.stage, writes=self.writes, grids=grids, input_grids=inputs,
-            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, sensor_serial=seed,
+            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, pattern_of=seed,
             precision=precision, store=(), deliver=tuple(self.writes), target=None, seconds=0.0, looking=looking if self.looks else None,
         )  # fmt: skip
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.roles import Noisy
+from etendue.contract.capabilities import Noisy
 from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
