@@ -1,13 +1,14 @@
 """What etendue itself brings, by the same hooks as any distribution.
 
 In:  the tables in ``data/``.
-Out: stages, variables, camera quantities, sensors, roles and spectra by name.
+Out: stages, variables, camera quantities, sensors, roles and spectra by name; what is shown first, and how it is called.
 """
 
 from __future__ import annotations
 
 import csv
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,11 @@ DATA = Path(__file__).parent / "data"
 
 def _table(name: str) -> dict[str, Any]:
     return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@cache
+def _shown() -> dict[str, Any]:
+    return _table("shown")
 
 
 @hookimpl
@@ -34,6 +40,14 @@ def etendue_variables() -> dict[str, Any]:
     for word, names in _table("subjects").items():
         for rank, name in enumerate(names):
             found[name] |= {"subject": word, "rank": rank}
+    for name, words in _shown()["variables"].items():
+        found[name] |= words
+    for rank, names in _shown()["curve"].items():
+        for name in names:
+            found[name]["curve"] = int(rank)
+    for word, names in _shown()["true"].items():
+        for name in names:
+            found[name][word] = True
     return found
 
 
@@ -87,3 +101,38 @@ def etendue_methods() -> dict[str, str]:
 @hookimpl
 def etendue_seen() -> dict[str, str]:
     return {name: f"etendue_camera.seen:of_{name}" for name in ("wavelength", "channel", "pattern")}
+
+
+@hookimpl
+def etendue_first() -> dict[str, Any]:
+    return dict(_shown()["first"])
+
+
+@hookimpl
+def etendue_words() -> dict[str, Any]:
+    return dict(_shown()["words"])
+
+
+@hookimpl
+def etendue_spelling() -> dict[str, Any]:
+    return dict(_shown()["spelling"])
+
+
+@hookimpl
+def etendue_subjects() -> dict[str, Any]:
+    return dict(_shown()["subjects"])
+
+
+@hookimpl
+def etendue_units() -> dict[str, Any]:
+    return dict(_shown()["units"])
+
+
+@hookimpl
+def etendue_dims() -> dict[str, Any]:
+    return dict(_shown()["dims"])
+
+
+@hookimpl
+def etendue_examples() -> dict[str, Any]:
+    return dict(_shown()["examples"])

@@ -50,8 +50,9 @@ def plot(
     etendue plot sweep budget                             run time, error, omissions by stage; --blame: and losses
     """
     from etendue.archive import places
+    from etendue.present.plots.asked import Asked
     from etendue.present.plots.holdings import Holdings
-    from etendue.present.plots.kinds import Asked, draw, kind_of, listed
+    from etendue.present.plots.kinds import draw, kind_of, listed
     from etendue.present.plots.opening import opened
     from etendue.present.plots.places import read_at
     from etendue.present.plots.plot import check_suffix

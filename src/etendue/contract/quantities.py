@@ -19,10 +19,15 @@ from etendue.plugins import discovery
 
 @dataclasses.dataclass(frozen=True)
 class Quantity(Parameter):
-    """What a distribution says of a camera quantity: the words of ``param()``, its name as an axis, a default unless it must be given."""
+    """What a distribution says of a camera quantity: the words of ``param()``, its name as an axis, a default unless it must be given.
+
+    ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not count.
+    """
 
     camera: bool = True
     long_name: str = ""
+    prefix: str = ""
+    off: float | None = None
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ used. Every hook gives a mapping by name. Two distributions that give one name a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -90,8 +90,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` where there
-    are none.
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and
+    ``why`` where there are none.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -103,4 +103,82 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
     linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text that gives rows and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
+    """
+
+
+@hookspec
+def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by (``plots.kinds.Kind``).
+
+    It gives a figure of matplotlib, or a ``Plot``; ``holdings.find("mean_level").values()`` is an array of xarray, ``asked.figures`` the
+    names that were given, ``asked.at`` values of axes.
+
+    {"rose": {"place": "my_weather.plots:rose", "takes": 1, "uses": ["at"], "doc": "how often the wind blows from where"}}
+    """
+
+
+@hookspec
+def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Sections of a page: where ``function(tree)`` stands, and the title. It is given what ``etendue.open_archive`` gives, and gives a list
+    of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and ``{"picture": bytes of a PNG, "alt": text}``; an
+    empty one where it has nothing to say.
+
+    {"rain": {"place": "my_weather.page:rain", "title": "How much it rained"}}
+    """
+
+
+@hookspec
+def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
+    """What goes first where there is a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``, ``curves``,
+    ``picture``; two in a text under ``front``; of axes under ``sides`` and ``along``; of shared quantities under ``quantities``.
+
+    {"map": ["rainfall", "mean_wind"], "front": ["rainfall mean_wind"]}
+    """
+
+
+@hookspec
+def etendue_words() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """What things are called in sentences of plots and pages (``contract.wording.WORDS``).
+
+    {"cell": "forecast", "whole": "model"}
+    """
+
+
+@hookspec
+def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """How parts of names are written out on a page; a name that begins with ``_`` is the end of one.
+
+    {"rh": "relative humidity"}
+    """
+
+
+@hookspec
+def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """What figures are about, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of them.
+
+    {"rain": {"said": "rainfall", "opens": True}}
+    """
+
+
+@hookspec
+def etendue_units() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """What is said of units beyond their size (``contract.wording.Unit``).
+
+    {"hPa": {"full": 1013.0}}
+    """
+
+
+@hookspec
+def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """What is said of dims (``contract.wording.Dim``).
+
+    {"height": {"bins": True, "units": "m", "example": [0, 100, 500, 2000]}}
+    """
+
+
+@hookspec
+def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
+    """What stages are tried with that look at others: under ``datasheet`` a role and figures.
+
+    {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
     """
