@@ -5,9 +5,11 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from etendue.present.plots.panels import FACTOR_COLOURS, Sides, map_of_names, map_of_figures
+from etendue.contract.variables import variable
+from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.plot import Plot
 
+TINTS = variable("limiting_factor").tints
 SIDES = Sides(x=[1.4, 2.8, 5.6], y=[1.0, 2.0], panels=["lens", "pixel"], x_name="f-number", y_name="pitch")
 
 
@@ -17,7 +19,7 @@ def colours_in(path):
 
 
 def byte(name):
-    return tuple(round(255 * part) for part in to_rgb(FACTOR_COLOURS[name]))
+    return tuple(round(255 * part) for part in to_rgb(TINTS[name]))
 
 
 def area(path, name):
@@ -29,9 +31,9 @@ def test_names_have_their_colours_and_areas(tmp_path):
     """Three of twelve cells against two: areas of the panels are in that proportion, the legend's patches besides."""
     indices = np.full((2, 2, 3), np.nan)
     indices[0, 0] = 0
-    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "one")).save(tmp_path / "one.png")
+    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "one", tints=TINTS)).save(tmp_path / "one.png")
     indices[1] = 1
-    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "two")).save(tmp_path / "two.png")
+    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "two", tints=TINTS)).save(tmp_path / "two.png")
     assert byte("noise") in colours_in(tmp_path / "one.png")  # in the legend
     drawn = area(tmp_path / "two.png", "noise") - area(tmp_path / "one.png", "noise")
     legend = area(tmp_path / "one.png", "noise")
