@@ -110,8 +110,8 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
 def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
     """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by (``plots.kinds.Kind``).
 
-    It gives a figure of matplotlib, or a ``Plot``; ``holdings.find("mean_level").values()`` is an array of xarray, ``asked.figures`` the
-    names that were given, ``asked.at`` values of axes.
+    It gives a figure of matplotlib. ``held = holdings.find("mean_level")`` is a variable, ``held.values()`` its array over all axes, and
+    ``held.values(asked.cell(held))`` that of the one cell that was asked for; ``asked.figures`` are the names that were given.
 
     {"rose": {"place": "my_weather.plots:rose", "takes": 1, "uses": ["at"], "doc": "how often the wind blows from where"}}
     """

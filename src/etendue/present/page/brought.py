@@ -45,12 +45,12 @@ def wordings() -> dict[str, Any]:
 
 def sections(opened: Opened) -> list[dict[str, Any]]:
     """Every section that has something to say of an archive, in the order in which they are brought."""
-    every, found = discovery.installed(), []
-    names = every.names("sections")
-    tree: Any = None
-    for name in names:
+    every, tree = discovery.installed(), None
+    found: list[dict[str, Any]] = []
+    for name in every.names("sections"):
         brought = every.all("sections", name)[0]
-        said = {"name": "".join(c if c.isalnum() else "-" for c in name), "title": name, "origin": brought.origin, "blocks": [], "why": ""}
+        plain = "".join(c if c.isalnum() else "-" for c in name)
+        said: dict[str, Any] = {"name": plain, "title": name, "origin": brought.origin, "blocks": [], "why": ""}
         try:
             one = discovery.made_of(Section, f"the section {name!r}", brought)
             said["title"] = str(one.title)

@@ -12,10 +12,11 @@ from typing import Any
 
 from etendue.present.plots.budget import budget
 from etendue.present.plots.curves import curves
-from etendue.present.plots.holdings import Holdings
+from etendue.present.plots.holdings import Held, Holdings
 from etendue.present.plots.labels import places_text
 from etendue.present.plots.maps import factor_map, figure_map
 from etendue.present.plots.pareto import pareto
+from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
 from etendue.present.plots.strip import show, strip
 
@@ -42,6 +43,15 @@ class Asked:
     @property
     def second(self) -> str:
         return self.figures[1] if len(self.figures) > 1 else ""
+
+    def cell(self, held: Held) -> dict[str, Any]:
+        """One value of every axis that reaches a variable: as it was asked for, else where a run's pictures are, else in the middle."""
+        asked = resolved([held], self.at)
+        found = {}
+        for dim in held.axes:
+            values = held.values_of(dim)
+            found[dim] = asked.get(dim, self.middle.get(dim, values[len(values) // 2]))
+        return {**found, **asked}
 
 
 def map_of(holdings: Holdings, asked: Asked) -> Plot:
