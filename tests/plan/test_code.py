@@ -96,7 +96,11 @@ STAGES = {
         ("etendue/transfer/sampling.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
         ("etendue/transfer/expansion.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
         ("etendue_camera/electronics/noise.py", {"shot_noise"}, STAGES["reconstruct"] | STAGES["transfer"] | {"linearise"}),
-        ("etendue_camera/sensor/stages/sensitivity.py", STAGES["sensor"] | {"white", "colour_fit"}, STAGES["optics"] | STAGES["reconstruct"]),
+        (
+            "etendue_camera/sensor/stages/sensitivity.py",
+            STAGES["sensor"] | {"white", "colour_fit"},
+            STAGES["optics"] | STAGES["reconstruct"],
+        ),
         ("etendue_camera/picture_files.py", {"photograph"}, STAGES["optics"] | STAGES["reconstruct"] | {"uniform"}),
         ("etendue_camera/data/silicon_absorption.csv", STAGES["sensor"] | {"white"}, STAGES["reconstruct"] | {"adc"}),
         ("etendue_camera/data/spectra.npz", {"uniform", "photograph", "camera_to_xyz"}, STAGES["reconstruct"] | {"adc"}),

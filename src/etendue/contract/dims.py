@@ -7,8 +7,8 @@ Out: what is declared of them. A dim need not be declared: one that nobody speak
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 from etendue.plugins import discovery
 
@@ -21,7 +21,8 @@ class Dim:
 
     ``bins``: it is cut into bands with edges; stages are given their middles, and the edges as ``NAME_edges``. ``units``: of both.
     ``asked_in``: the unit in which transfer functions are given the middles; '' where it is the same. ``long_name`` and
-    ``standard_name``: as archives name it.
+    ``standard_name``: as archives name it. ``example``: edges with which stages are tried; ``spacing``: the shared quantity that is the
+    distance of its samples.
     """
 
     bins: bool = False
@@ -29,6 +30,9 @@ class Dim:
     asked_in: str = ""
     long_name: str = ""
     standard_name: str = ""
+    example: tuple[float, ...] = ()
+    spacing: str = ""
+    doc: str = ""
 
     @cached_property
     def factor(self) -> float:
@@ -49,8 +53,15 @@ def dim(name: str) -> Dim:
         return UNDECLARED
     place = (name, brought.origin)
     if place not in _KNOWN:
-        _KNOWN[place] = discovery.made_of(Dim, f"the dim {name!r}", brought)
+        made = discovery.made_of(Dim, f"the dim {name!r}", brought)
+        _KNOWN[place] = replace(made, example=tuple(made.example))
     return _KNOWN[place]
+
+
+@cache
+def declared_dims() -> tuple[str, ...]:
+    """Every dim of which somebody speaks."""
+    return tuple(discovery.installed().names("dims"))
 
 
 def banded(dims: Iterable[str]) -> str:

@@ -21,12 +21,16 @@ from etendue.plugins import discovery
 class Quantity(Parameter):
     """What a distribution says of a shared quantity: the words of ``param()``, its name as an axis, a default unless it must be given.
 
+    ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not count.
+
     ``scales``: a quantity whose every value it multiplies: a preset's value of the one does not fit a pipeline's own of the other.
     """
 
     shared: bool = True
     long_name: str = ""
     scales: str = ""
+    prefix: str = ""
+    off: float | None = None
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
     def __post_init__(self) -> None:
