@@ -7,10 +7,10 @@ Out: the same class with a ``run`` on plain arrays, which fills in coordinates a
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etendue.contract.stage import COORDINATES, SPECIAL, Stage, reads_of, writes_of
+from etendue.contract.stage import SPECIAL, Stage, coordinates_beside, reads_of, writes_of
 from etendue.contract.units import same_unit
 from etendue.contract.variables import Declaration, variable
 from etendue.errors import PluginError
@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _Kind = TypeVar("_Kind", bound=type[Stage])
-UNITS = {"wavelength": "nm", "y_um": "um", "x_um": "um"}
+UNITS = {"wavelength": "nm"}
+PLACES = ("y", "x")  # dims with places on the image plane beside them
 
 
 def labelled(kind: _Kind) -> _Kind:
     """Let ``run`` of a stage work on labels.
 
-    ``run(self, data)`` reads ``data["rgb_camera"]`` with the coordinates ``wavelength`` (nm), ``y``, ``x`` (with ``y_um``, ``x_um``
-    on the image plane), ``channel``, and the attributes of the vocabulary; it returns a Dataset (or a mapping of arrays) of what
-    ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, ``rng_sensor`` and ``asked``.
+    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims (of ``y`` and ``x`` also ``y_um``, ``x_um`` on the
+    image plane), and the attributes of the vocabulary; the coordinates of dims that only ``writes`` declares stand in ``data`` too. It
+    returns a Dataset (or a mapping of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask for
+    ``prepared``, ``rng``, ``rng_sensor`` and ``asked``.
 
     Raises
     ------
@@ -40,11 +42,12 @@ def labelled(kind: _Kind) -> _Kind:
     if unknown:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}")
     reads, writes = reads_of(kind), writes_of(kind)
-    known = {dim for declaration in reads.values() for dim in declaration.dims}
-    wanted = [name for name in sorted(COORDINATES) if name.removesuffix("_um") in known and name != "stage"]
+    dims = tuple(dict.fromkeys(dim for declared in (*reads.values(), *writes.values()) for dim in declared.dims))
+    beside = coordinates_beside(kind)
+    wanted = [name for dim in dims for name in ((dim, f"{dim}_um") if dim in PLACES else (dim,)) if name in beside and dim != "stage"]
 
     def run(self: Stage, **given: Any) -> dict[str, Any]:
-        data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, given)
+        data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, dims, given)
         found = body(self, data, **{name: given[name] for name in asked})
         return _arrays(kind.__name__, found, writes, data)
 
@@ -57,25 +60,21 @@ def labelled(kind: _Kind) -> _Kind:
     return kind
 
 
-def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], given: Mapping[str, Any]) -> xr.Dataset:
-    """What is read, with labels."""
+def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str], given: Mapping[str, Any]) -> xr.Dataset:
+    """What is read, with labels; and the coordinates of what is to be written."""
     import xarray as xr
 
     coordinates: dict[str, Any] = {}
-    for name in ("wavelength", "y", "x", "channel"):
-        values = given.get(name)
-        if values is not None:
-            coordinates[name] = (name, values, {"units": UNITS[name]} if name in UNITS else {})
-    for name in ("y_um", "x_um"):
-        if given.get(name) is not None:
-            coordinates[name] = (name[0], given[name], {"units": "um", "long_name": f"{name[0]} on the image plane"})
+    for dim in dims:
+        if given.get(dim) is not None:
+            coordinates[dim] = (dim, given[dim], {"units": UNITS[dim]} if dim in UNITS else {})
+        if dim in PLACES and given.get(f"{dim}_um") is not None:
+            coordinates[f"{dim}_um"] = (dim, given[f"{dim}_um"], {"units": "um", "long_name": f"{dim} on the image plane"})
     variables = {}
     for port, (declared, array) in arrays.items():
         attributes = {"units": declared.unit, "long_name": variable(declared.variable).long_name}
         variables[port] = (declared.dims, array, attributes)
-    dims = {dim for declared, _ in arrays.values() for dim in declared.dims}
-    used = {name: value for name, value in coordinates.items() if value[0] in dims}
-    return xr.Dataset(variables, coords=used)
+    return xr.Dataset(variables, coords=coordinates)
 
 
 def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Any]:
@@ -95,6 +94,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
     extra = sorted(set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"})
     if extra:
         raise PluginError(f"{name}.run gave {', '.join(extra)}, which it does not write")
+    carried = {array.attrs.get("units") for array in data.values()}  # arithmetic of xarray hands on what it read, which claims nothing
     for declared in writes.values():
         if declared.variable not in found:
             if declared.optional:
@@ -108,7 +108,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
             dims = " ".join(map(str, array.dims))
             raise PluginError(f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'")
         unit = array.attrs.get("units", declared.unit)
-        if not same_unit(unit, declared.unit):
+        if unit not in carried and not same_unit(unit, declared.unit):
             raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
         for dim in declared.dims:
             if dim in array.coords and dim in data.coords and not array.coords[dim].equals(data.coords[dim]):

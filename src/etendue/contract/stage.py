@@ -198,11 +198,20 @@ def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise TypeError(f"{kind.__name__}.{method} takes *{parameter.name}; name every input")
         names.append(parameter.name)
-    allowed = set(kind.reads) | COORDINATES | SPECIAL
+    allowed = set(kind.reads) | COORDINATES | coordinates_beside(kind) | SPECIAL
     unknown = [name for name in names if name not in allowed]
     if unknown:
         raise TypeError(f"{kind.__name__}.{method} asks for {', '.join(unknown)}, which it does not read")
     return tuple(names)
+
+
+@per_kind
+def coordinates_beside(kind: type[Stage]) -> frozenset[str]:
+    """The names of the coordinates of all dims that a stage reads or writes; with ``out_`` those of what it writes."""
+    read = {dim for declaration in reads_of(kind).values() for dim in declaration.dims}
+    written = {dim for declaration in writes_of(kind).values() for dim in declaration.dims}
+    found = {(prefix, dim) for prefix, dims in (("", read | written), ("out_", written)) for dim in dims}
+    return frozenset(f"{prefix}{dim}{end}" for prefix, dim in found for end in ("", "_edges", "_um"))
 
 
 @per_kind
