@@ -87,3 +87,24 @@ def etendue_methods() -> dict[str, str]:
 @hookimpl
 def etendue_seen() -> dict[str, str]:
     return {name: f"etendue_camera.seen:of_{name}" for name in ("wavelength", "channel", "pattern")}
+
+
+@hookimpl
+def etendue_tables() -> dict[str, Any]:
+    return {"camera": {"preset": "sensor", "presets": "sensors", "listed": "etendue sensors"}}
+
+
+@hookimpl
+def etendue_templates() -> dict[str, Any]:
+    keep = {"all": "everything", "looks": "pictures and figures, not the bands of light", "rgb_display": "the picture alone"}
+    return {"camera": {"path": DATA / "beginning.toml", "preset": "sony-imx363", "keep": keep}}
+
+
+@hookimpl
+def etendue_beginnings() -> dict[str, Any]:
+    return _table("beginnings")
+
+
+@hookimpl
+def etendue_elsewhere() -> dict[str, Any]:
+    return _table("plugins")

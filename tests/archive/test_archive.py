@@ -199,7 +199,7 @@ def test_a_file_parameter_is_recorded_by_content(tmp_path):
     assert str(tmp_path) not in record
     (kept,) = (tmp_path / "a" / "inputs").iterdir()
     assert kept.read_bytes() == table.read_bytes()
-    assert json.loads(record)["camera"]["sensitivity"] == f"sha256:{kept.stem}"
+    assert json.loads(record)["shared"]["sensitivity"] == f"sha256:{kept.stem}"
 
 
 def test_records_are_strict_json_even_with_an_infinite_parameter(tmp_path):

@@ -138,7 +138,7 @@ def test_every_value_of_a_packaged_sensor_stands_on_a_page_with_its_source(makin
     text = making("sensors").page()
     for name in preset_names():
         part = text.partition(f"## {name}\n")[2].partition("\n## ")[0]
-        for quantity, one in preset(name).camera.items():
+        for quantity, one in preset(name).shared.items():
             (row,) = (line for line in part.splitlines() if line.startswith(f"| `{quantity}` |"))
             assert not one.source.startswith("http") or f"](<{one.source}>)" in row
 

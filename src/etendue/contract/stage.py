@@ -171,8 +171,8 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
 
 @per_kind
 def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
-    """The camera quantities that a stage takes: arguments that may be given, swept, or written by an earlier stage."""
-    return {name: parameter for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+    """The shared quantities that a stage takes: arguments that may be given, swept, or written by an earlier stage."""
+    return {name: parameter for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared}
 
 
 @per_kind

@@ -42,7 +42,7 @@ def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
 
 @hookspec
 def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Camera quantities, shared by stages under ``[camera]``: the words of ``param()``, and a default unless it must be given.
+    """Quantities that stages share, under one table of a pipeline file: the words of ``param()``, and a default unless it must be given.
 
     {"film_thickness": {"default": 120.0, "units": "um", "above": 0, "doc": "of the film's base"}}
     """
@@ -90,8 +90,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` where there
-    are none.
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` there are
+    none.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -103,4 +103,36 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
     linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text that gives rows and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
+    """
+
+
+@hookspec
+def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """The name of the table under which shared quantities stand, and how sets of values are named in it (``contract.tables.Table``).
+
+    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, brought by ``etendue_stocks()``, a file or mapping each
+    """
+
+
+@hookspec
+def etendue_templates() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Commented pipelines to begin with, for ``etendue new`` (``pipeline.beginning.Template``).
+
+    {"film": {"path": Path(__file__).parent / "film.toml", "keep": {"all": "everything"}}}
+    """
+
+
+@hookspec
+def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """By role, the stage that ``etendue new-plugin`` begins as: the one whose arithmetic is read fastest.
+
+    {"halation": "halation_gaussian"}
+    """
+
+
+@hookspec
+def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Stages that other distributions bring: named where a pipeline uses them and they are not installed.
+
+    {"my-film-scanner": {"stages": ["scanner_glare"]}}
     """

@@ -21,7 +21,7 @@ from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
 from etendue.compute.strips import in_strips
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
 from etendue.contract.capabilities import Summed, Transfer, is_random, is_source, no_coordinates
 from etendue.contract.facts import Facts
 from etendue.contract.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
@@ -179,7 +179,7 @@ class Bench:
             size = frame[0 if dim == "y" else 1]
             if "wavelength" in declaration.dims or declaration.variable == "*.irradiance":
                 return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
-            pitch = float(getattr(self.stage, "pixel_pitch", camera.declared("pixel_pitch").default))
+            pitch = float(getattr(self.stage, "pixel_pitch", quantities.declared("pixel_pitch").default))
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.rows import has_rows
-from etendue.contract import quantities as camera
-from etendue.contract import seen
+from etendue.contract import quantities, seen
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
 from etendue.contract.grid import Coordinate, Line
 from etendue.contract.seen import Pattern
@@ -102,7 +101,7 @@ def _pixel_by_pixel(bench: Bench) -> bool:
 
 
 def _pattern(bench: Bench) -> Pattern:
-    return seen.pattern(str(getattr(bench.stage, "pattern", camera.declared("pattern").default)))
+    return seen.pattern(str(getattr(bench.stage, "pattern", quantities.declared("pattern").default)))
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:

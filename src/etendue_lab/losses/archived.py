@@ -18,9 +18,10 @@ from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline, parse_pipeline
-from etendue.plan.sensors import SENSOR
 from etendue.result_files import finite
 from etendue_lab.losses.study import RUNS, losses
+
+SENSOR = "sensor"  # the word for presets of a camera
 
 
 def losses_at(folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS) -> dict[str, Any]:

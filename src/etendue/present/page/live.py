@@ -216,7 +216,7 @@ class Live:
         """The value above which nothing is told apart: the top code of a converter, 1 of what is relative to clipping or white."""
         if one.units == "DN":
             shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
-            bits = shown.get("bits", self.opened.record["camera"].get("bits"))
+            bits = shown.get("bits", self.opened.record["shared"].get("bits"))
             return float(2 ** int(bits) - 1) if isinstance(bits, int) else None
         return 1.0 if one.units == "" else None
 

@@ -99,7 +99,7 @@ def sheet(
     frames = render(plan, shown, small)
     if not frames:
         return None
-    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_camera(plan)}"
+    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}"
     table["attrs"]["cell"] = {dim: value for ref in shown.values() for dim, value in plan.labels(ref).items()}
     return Sheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
@@ -110,11 +110,11 @@ def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
     return Sheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None
 
 
-def _camera(plan: Plan) -> str:
-    """What of the camera is not swept, behind the axis values of a title."""
+def _shared(plan: Plan) -> str:
+    """What of the shared quantities is not swept, behind the axis values of a title."""
     swept, texts = {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, []  # or found by a stage
     for name, unit in (("f_number", ""), ("pixel_pitch", " um"), ("integration_time", " s")):
-        value = plan.camera.get(name)
+        value = plan.shared.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):
             texts.append(f"{name} {value:.4g}{unit}")
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
