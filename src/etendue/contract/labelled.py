@@ -46,7 +46,8 @@ def labelled(kind: _Kind) -> _Kind:
     beside = coordinates_beside(kind)
     wanted = [name for dim in dims for name in ((dim, f"{dim}_um") if dim in PLACES else (dim,)) if name in beside and dim != "stage"]
 
-    def run(self: Stage, **given: Any) -> dict[str, Any]:
+    def run(self: Stage, *arrays: Any, **given: Any) -> dict[str, Any]:
+        given |= dict(zip(names[1:], arrays, strict=False))
         data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, dims, given)
         found = body(self, data, **{name: given[name] for name in asked})
         return _arrays(kind.__name__, found, writes, data)

@@ -58,7 +58,7 @@ class BeamFigures(Stage):
     role: ClassVar = "measure of a beam"
     reads: ClassVar = {"beam": "frequency direction [Pa2]"}
     writes: ClassVar = {
-        "bearing_found": "[deg]", "bearing_error": "[deg]", "beam_width": "[deg]", "side_lobe": "[dB]", "level": "[dB]",
+        "bearing_found": "[deg]", "bearing_error": "[deg]", "beam_width": "[deg]", "side_lobe": "[dB]", "sound_level": "[dB]",
     }  # fmt: skip
     decides: ClassVar = True
 
@@ -74,6 +74,6 @@ class BeamFigures(Stage):
             "bearing_error": found - self.bearing,
             "beam_width": kernels.half_power_width(directions, power),
             "side_lobe": kernels.side_lobe(power),
-            "level": 10 * math.log10(max(float(power.max()) / REFERENCE**2, 1e-30)),
+            "sound_level": 10 * math.log10(max(float(power.max()) / REFERENCE**2, 1e-30)),
         }
         return {name: np.array(value, data.beam.dtype) for name, value in figures.items()}

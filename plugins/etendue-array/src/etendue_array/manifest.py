@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from etendue.api import hookimpl
+
+HERE = Path(__file__).parent
 
 
 @hookimpl
@@ -32,6 +35,12 @@ def etendue_roles() -> dict[str, str]:
 
 
 @hookimpl
+def etendue_tables() -> dict[str, Any]:
+    """What stages share stands under [array]."""
+    return {"array": {}}
+
+
+@hookimpl
 def etendue_quantities() -> dict[str, Any]:
     return {
         "microphones": {"default": 8, "at_least": 1, "at_most": 1024, "doc": "of the array, in a line"},
@@ -39,7 +48,7 @@ def etendue_quantities() -> dict[str, Any]:
         "sound_speed": {"default": 343.0, "units": "m s-1", "above": 0, "at_most": 1e5, "doc": "of the air, or the water"},
         "tone": {"default": 2000.0, "units": "Hz", "above": 0, "at_most": 1e6, "doc": "frequency of the sound"},
         "bearing": {
-            "default": 20.0, "units": "deg", "at_least": -90, "at_most": 90, "doc": "direction of the sound, 0 straight in front of the line",
+            "default": 20.0, "units": "deg", "at_least": -90, "at_most": 90, "doc": "direction of the sound; 0 is in front of the line",
         },
     }  # fmt: skip
 
@@ -55,5 +64,15 @@ def etendue_variables() -> dict[str, Any]:
         "bearing_error": {"long_name": "direction found less the true one", "units": "deg"},
         "beam_width": {"long_name": "width of the main lobe at half power", "units": "deg", "better": "lower"},
         "side_lobe": {"long_name": "highest side lobe over the main lobe", "units": "dB", "better": "lower"},
-        "level": {"long_name": "sound pressure level of the main lobe", "units": "dB"},
+        "sound_level": {"long_name": "sound pressure level of the main lobe", "units": "dB"},
     }
+
+
+@hookimpl
+def etendue_templates() -> dict[str, Any]:
+    return {"array": {"path": HERE / "beginning.toml", "keep": {"all": "everything", "beam": "the beam alone"}}}
+
+
+@hookimpl
+def etendue_beginnings() -> dict[str, str]:
+    return {"interference": "second_wave", "self noise": "microphone_noise", "beamforming": "delay_and_sum"}

@@ -44,7 +44,9 @@ class PlaneWave(Source):
 
     def __post_init__(self) -> None:
         if self.tone >= 0.5 * self.sampling_rate:
-            raise ValueError(f"a tone of {self.tone:g} Hz needs more than {2 * self.tone:g} samples a second; there are {self.sampling_rate:g}")
+            raise ValueError(
+                f"a tone of {self.tone:g} Hz needs more than {2 * self.tone:g} samples a second; there are {self.sampling_rate:g}"
+            )
 
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]:
         line = Line(self.microphones, -0.5 * (self.microphones - 1) * self.spacing, self.spacing, "m")
