@@ -38,7 +38,7 @@ class DelayAndSum(Stage):
 
     def grid(self, inputs: Any) -> Mapping[str, Grid]:
         direction = Line(self.directions, -90.0, 180.0 / (self.directions - 1), "deg")
-        return {"beam": Grid.of({"frequency": inputs["phasor"]["frequency"], "direction": direction})}
+        return {"beam": inputs["phasor"].take(("frequency",)).replace(direction=direction)}
 
     def run(self, data: Any) -> Any:
         weights = kernels.taper(self.taper, data.sizes["microphone"])
