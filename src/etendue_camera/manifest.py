@@ -11,9 +11,10 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from etendue.plugins.hookspecs import LIBRARY, hookimpl
+from etendue.api import hookimpl
 
 DATA = Path(__file__).parent / "data"
+LIBRARY = "colour-science"  # in place of a path: a table of this library
 
 
 def _table(name: str) -> dict[str, Any]:
@@ -50,6 +51,14 @@ def etendue_sensors() -> dict[str, Path]:
 @hookimpl
 def etendue_roles() -> dict[str, str]:
     return _table("roles")
+
+
+@hookimpl
+def etendue_vocabularies() -> dict[str, Any]:
+    return {
+        "sensors": {"word": "sensor"},  # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
+        "spectra": {"word": "spectrum", "endings": (".csv", ".spdx"), "library": LIBRARY},  # usable wherever the path of a table is
+    }
 
 
 @hookimpl

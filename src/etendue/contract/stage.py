@@ -23,7 +23,7 @@ from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.names import unfit_variable
 from etendue.contract.parameter import Parameter
 from etendue.contract.variables import Declaration, parse_declaration
-from etendue.plugins.discovery import spectrum
+from etendue.plugins.discovery import table_file
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -229,8 +229,8 @@ def files_of(stage: Stage) -> dict[str, str]:
 
 
 def file_behind(value: str, parameter: Parameter) -> str:
-    """The file that a value stands for, as it is named; of a spectrum that a distribution brings its path; '' for what is no file."""
-    return value if parameter.file else spectrum(value) if parameter.table else ""
+    """The file that a value stands for, as it is named; of a table that a distribution brings its path; '' for what is no file."""
+    return value if parameter.file else table_file(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:

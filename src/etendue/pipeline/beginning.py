@@ -18,7 +18,7 @@ from etendue.plugins import discovery
 
 @dataclass(frozen=True)
 class Template:
-    """``path``: the text, with NAME and PRESET to be replaced and KEPT where the choices of `keep` stand; ``keep``: what each keeps, in words;
+    """``path``: the text, with NAME and PRESET to be replaced and KEPT where the choices of `keep` stand; ``keep``: what each keeps;
     ``preset``: the one that is taken where none is named, '' where the text names none."""
 
     path: Path

@@ -1,7 +1,7 @@
 """What a distribution may bring: one hook for each vocabulary, in one small manifest module, named by one entry point.
 
     [project.entry-points.etendue]
-    my-camera = "my_camera.manifest"
+    my-film = "my_film.manifest"
 
 The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported when they are
 used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline that uses it.
@@ -10,15 +10,12 @@ used. Every hook gives a mapping by name. Two distributions that give one name a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
 from typing import Any
 
 import pluggy
 
 PROJECT = "etendue"
 GROUP = "etendue"
-SPECTRA = (".csv", ".spdx")  # endings of files with tables by wavelength
-LIBRARY = "colour-science"  # in place of a path: a table of this library
 FORMER_GROUP = "etendue.stages"  # one entry point per stage: no longer read
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
@@ -28,7 +25,7 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
     """Stages: where their class stands, or the class itself.
 
-    {"vignette": "my_camera.stages:Vignette"}
+    {"halation": "my_film.stages:Halation"}
     """
 
 
@@ -36,7 +33,7 @@ def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
 def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
     """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
 
-    {"halo": {"long_name": "light scattered by the film's base", "units": "W m-2 nm-1", "shown": "linear"}}
+    {"halo": {"long_name": "light scattered by the film's base", "shown": "linear"}}
     """
 
 
@@ -49,14 +46,6 @@ def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[emp
 
 
 @hookspec
-def etendue_sensors() -> Mapping[str, Mapping[str, Any] | str | PathLike[str]]:  # type: ignore[empty-body]
-    """Sensors that ``[camera] sensor`` may name: the path of a TOML file as in ``etendue/data/sensors``, or the same as a mapping.
-
-    {"my-film": Path(__file__).parent / "my_film.toml"}
-    """
-
-
-@hookspec
 def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
     """What stages are alternatives to, in a sentence.
 
@@ -65,10 +54,10 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_spectra() -> Mapping[str, str | PathLike[str]]:  # type: ignore[empty-body]
-    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV (``wavelength_nm,a,b,...``) or SPDX file.
+def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Further hooks, which a domain has for itself and whoever builds upon it: each gives a mapping by name (``discovery.Vocabulary``).
 
-    {"my tungsten": Path(__file__).parent / "tungsten.csv"}
+    {"stocks": {"word": "film stock"}}: others bring ``etendue_stocks()``
     """
 
 

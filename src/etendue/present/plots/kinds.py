@@ -114,7 +114,8 @@ def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple
         if not named:
             names = [*KINDS, *(one.variable for one in holdings)]
             raise RequestError(
-                f"{kind!r} is no kind of plot ({', '.join(KINDS)}) and no variable here{nearest(kind, names)}; etendue plot ARCHIVE --list"
+                f"{kind!r} is no kind of plot ({', '.join(KINDS)}) and no variable here{nearest(kind, names)}; "
+                f"etendue plot {holdings.archive} --list"
             )
         figures = (kind, *figures)
         if len(figures) == 2:

@@ -91,7 +91,7 @@ const IMPORTANT = ['f_number', 'focal_length', 'pixel_pitch', 'pattern', 'integr
 
 function glance(doc) {
   const swept = doc.axes.map((axis) => [axis.label, axis.values.length > 6 || !axis.values.length ? `${axisValue(axis, 0)} … ${axisValue(axis, axis.values.length - 1)}` : axis.values.map((_, i) => axisValue(axis, i)).join(', '), `${axis.values.length} values`]);
-  const row = (one) => [named(one.name), withUnit(one.value, one.units), one.what];
+  const row = (one) => [named(one.name), withUnit(one.value, one.units, EXACT), one.what];
   const first = doc.camera.filter((one) => IMPORTANT.includes(one.name) && !(one.name === 'iso' && one.value === 0)).sort((a, b) => IMPORTANT.indexOf(a.name) - IMPORTANT.indexOf(b.name)), rest = doc.camera.filter((one) => !first.includes(one));
   const facts = (rows) => el('dl', { class: 'facts-list' }, rows.map(([name, value, what]) => el('div', { title: what }, el('dt', {}, name), el('dd', {}, value))));
   const strip = el('ol', { class: 'strip' });
@@ -113,7 +113,7 @@ function glance(doc) {
 // ---- where it comes from
 
 function provenance(doc) {
-  const p = doc.provenance, versions = (map) => Object.entries(map).map(([name, version]) => `${name} ${say(version)}`).join(', ');
+  const p = doc.provenance, versions = (map) => Object.entries(map).map(([name, version]) => `${name} ${say(version, EXACT)}`).join(', ');
   const command = (text, what) => el('div', { class: 'command' }, el('code', {}, text), el('span', {}, what));
   const again = [
     command(`etendue reproduce ${doc.archive}`, 'computes it again from the archive alone, and compares every cell'),
