@@ -15,7 +15,7 @@ nox.options.sessions = ["lint", "types", "imports", "tests"]
 if "VIRTUAL_ENV" not in os.environ:  # .venv/bin/nox without an activated environment: the tools beside nox
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
 os.environ.setdefault("UV_PYTHON_DOWNLOADS", "never")
-PLUGINS = ["-e", "plugins/etendue-demosaic-malvar", "-e", "plugins/etendue-demosaic-menon"]
+PLUGINS = ["-e", "plugins/etendue-demosaic-malvar", "-e", "plugins/etendue-demosaic-menon", "-e", "plugins/etendue-array"]
 EXTRAS = ["test", "distributed", "cubes", "view", "raw", "objects"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 from pathlib import Path
@@ -18,7 +19,9 @@ OTHERS = {"python3", ".venv/bin/pip", ".", "pip", "pytest"}  # what makes an env
 
 def checked(words: list[str]) -> None:
     """Whether a command, its options and the number of its arguments are known; nothing is run."""
-    command = main.commands[words[0]]
+    command = main.get_command(click.Context(main), words[0])
+    if command is None:
+        raise KeyError(words[0])
     context = click.Context(command, info_name=words[0])
     command.make_parser(context).parse_args(list(words[1:]))
 
@@ -43,6 +46,7 @@ def test_an_option_that_is_not_there_is_found():
 def brought(folder: Path, name: str) -> Path:
     """A distribution that lies in a folder, as ``pip install -e`` leaves it: its sources and its metadata on one path."""
     sources = folder / name / "src"
+    name = Path(name).name
     metadata = sources / f"{name.replace('-', '_')}-0.1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.1.0\n")
@@ -114,9 +118,28 @@ def test_the_first_picture_is_there_after_the_commands_that_lead_to_it(tmp_path)
 def test_a_page_is_followed_to_its_end(tmp_path, page):
     if page not in ("first_picture.md", "tutorials/demosaicer.md", "tutorials/archive.md"):  # in the folder of the repository
         shutil.copytree(ROOT / "pipelines", tmp_path / "pipelines")
+    if page == "not_a_camera.md":
+        shutil.copytree(ROOT / "plugins" / "etendue-array", tmp_path / "plugins" / "etendue-array")
     Reader(tmp_path).follows(page)
     pictures = {"first_picture.md": "first_map.png", "tutorials/phone.md": "defocused.png", "tutorials/lecture.md": "stops.png"}
     assert page not in pictures or (tmp_path / pictures[page]).exists()
+
+
+def test_the_stage_on_labels_that_a_page_shows_computes_as_the_one_that_is_installed():
+    """The methods, word for word."""
+    (shown,) = (text for language, text in blocks("not_a_camera.md") if language == "python")
+    own = (ROOT / "plugins" / "etendue-array" / "src" / "etendue_array" / "beam.py").read_text()
+
+    def method(text, name):
+        (kind,) = (one for one in ast.parse(text).body if isinstance(one, ast.ClassDef) and one.name == "DelayAndSum")
+        (found,) = (one for one in kind.body if isinstance(one, ast.FunctionDef) and one.name == name)
+        found.returns = None
+        for argument in found.args.args:
+            argument.annotation = None
+        return ast.dump(found)
+
+    for name in ("grid", "run"):
+        assert method(shown, name) == method(own, name)
 
 
 def test_pictures_of_the_documents_are_in_true_colour_and_small():

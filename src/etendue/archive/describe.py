@@ -155,7 +155,7 @@ def _variables(folder: Path, listing: disk.Listing, stage: str) -> list[dict[str
         dims, shape, attributes = document.get("dimension_names") or [], document.get("shape"), document.get("attributes", {})
         if not (isinstance(dims, list) and isinstance(shape, list) and isinstance(attributes, dict) and len(dims) == len(shape)):
             raise damaged(folder, [path])
-        if dims == [name] or name.endswith("_um") or name == "wavelength_bounds":
+        if dims == [name] or name.endswith(("_um", "_at", "_bounds")):
             continue
         sizes = {str(dim): size for dim, size in zip(dims, shape, strict=True)}
         units, dtype = str(attributes.get("units", "")), str(document.get("data_type"))

@@ -178,7 +178,8 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
     lines = {ref: c for ref, c in by_cell.items() if isinstance(c, Line)}
     same = all((c.start, c.step) == (first.start, first.step) for c in lines.values())
     if same:
-        attrs = {"units": first.units, "long_name": f"{dim} on the image plane" if first.units == "um" else f"pixel index along {dim}"}
+        said = {"um": f"{dim} on the image plane", "1": f"pixel index along {dim}"}
+        attrs = {"units": first.units, "long_name": said.get(first.units, dim)}
         group.coordinates[dim] = CoordinateLayout((dim,), first.values(), attrs)
     else:
         group.coordinates[dim] = CoordinateLayout((dim,), list(range(first.size)), {"units": "1", "long_name": f"sample index along {dim}"})
@@ -187,7 +188,7 @@ def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[C
 
 
 def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef, Line]) -> None:
-    """``y_um`` over the axes that move it."""
+    """``y_um`` over the axes that move it; of a line in another unit than those of a frame ``<dim>_at``."""
     moving = []
     for number, axis in enumerate(node.axes):
         rest: dict[tuple[int, ...], set[tuple[float, float]]] = {}
@@ -210,8 +211,12 @@ def _positions(node: Node, group: GroupLayout, dim: str, lines: Mapping[CellRef,
         start, step = first[at].um()
         return [start + step * i for i in range(size)]
 
-    attrs = {"units": "um", "long_name": f"{dim} of the centres on the image plane"}
-    group.coordinates[f"{dim}_um"] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
+    own = next(iter(lines.values()))
+    if own.position is None and own.units not in ("um", "1"):
+        name, attrs = f"{dim}_at", {"units": own.units, "long_name": dim}
+    else:
+        name, attrs = f"{dim}_um", {"units": "um", "long_name": f"{dim} of the centres on the image plane"}
+    group.coordinates[name] = CoordinateLayout((*moving, dim), nested(moving, ()), attrs)
 
 
 def _node_attributes(plan: Plan, node: Node) -> dict[str, Any]:

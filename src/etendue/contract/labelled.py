@@ -7,7 +7,7 @@ Out: the same class with a ``run`` on plain arrays, which fills in coordinates a
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from etendue.contract.dims import PLACE, dim
@@ -25,10 +25,10 @@ _Kind = TypeVar("_Kind", bound=type[Stage])
 def labelled(kind: _Kind) -> _Kind:
     """Let ``run`` of a stage work on labels.
 
-    ``run(self, data)`` reads ``data["rgb_linear"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with
-    ``y_um``, ``x_um`` on the image plane), ``channel``, and the attributes of the vocabulary; it returns a Dataset (or a mapping
-    of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask for ``prepared``, ``rng``, fixed
-    patterns and ``asked``.
+    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with ``y_um``,
+    ``x_um`` on the image plane), and the attributes of the vocabulary; the coordinates of dims that only ``writes`` declares stand in
+    ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask
+    for ``prepared``, ``rng``, fixed patterns and ``asked``.
 
     Raises
     ------
@@ -41,11 +41,12 @@ def labelled(kind: _Kind) -> _Kind:
     if unknown:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}")
     reads, writes = reads_of(kind), writes_of(kind)
-    known = {own for declaration in reads.values() for own in declaration.dims if own != "stage"}
-    wanted = sorted(known | {f"{own}_um" for own in PLACE if own in known})
+    dims = tuple(dict.fromkeys(own for declared in (*reads.values(), *writes.values()) for own in declared.dims if own != "stage"))
+    wanted = [name for own in dims for name in ((own, f"{own}_um") if own in PLACE else (own,))]
 
-    def run(self: Stage, **given: Any) -> dict[str, Any]:
-        data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, given)
+    def run(self: Stage, *arrays: Any, **given: Any) -> dict[str, Any]:
+        given |= dict(zip(names[1:], arrays, strict=False))
+        data = _dataset({port: (d, given[port]) for port, d in reads.items() if port in given}, dims, given)
         found = body(self, data, **{name: given[name] for name in asked})
         return _arrays(kind.__name__, found, writes, data)
 
@@ -58,24 +59,21 @@ def labelled(kind: _Kind) -> _Kind:
     return kind
 
 
-def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], given: Mapping[str, Any]) -> xr.Dataset:
-    """What is read, with labels."""
+def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str], given: Mapping[str, Any]) -> xr.Dataset:
+    """What is read, with labels; and the coordinates of what is to be written."""
     import xarray as xr
 
     coordinates: dict[str, Any] = {}
-    dims = {own for declared, _ in arrays.values() for own in declared.dims}
-    for name in (own for declared, _ in arrays.values() for own in declared.dims):
-        if given.get(name) is not None:
-            coordinates[name] = (name, given[name], {"units": dim(name).units} if dim(name).units else {})
-    for name in ("y_um", "x_um"):
-        if given.get(name) is not None:
-            coordinates[name] = (name[0], given[name], {"units": "um", "long_name": f"{name[0]} on the image plane"})
+    for own in dims:
+        if given.get(own) is not None:
+            coordinates[own] = (own, given[own], {"units": dim(own).units} if dim(own).units else {})
+        if own in PLACE and given.get(f"{own}_um") is not None:
+            coordinates[f"{own}_um"] = (own, given[f"{own}_um"], {"units": "um", "long_name": f"{own} on the image plane"})
     variables = {}
     for port, (declared, array) in arrays.items():
         attributes = {"units": declared.unit, "long_name": variable(declared.variable).long_name}
         variables[port] = (declared.dims, array, attributes)
-    used = {name: value for name, value in coordinates.items() if value[0] in dims}
-    return xr.Dataset(variables, coords=used)
+    return xr.Dataset(variables, coords=coordinates)
 
 
 def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.Dataset) -> dict[str, Any]:
@@ -95,6 +93,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
     extra = sorted(set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"})
     if extra:
         raise PluginError(f"{name}.run gave {', '.join(extra)}, which it does not write")
+    carried = {array.attrs.get("units") for array in data.values()}  # arithmetic of xarray hands on what it read, which claims nothing
     for declared in writes.values():
         if declared.variable not in found:
             if declared.optional:
@@ -108,7 +107,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
             dims = " ".join(map(str, array.dims))
             raise PluginError(f"{name} gave {declared.variable} with the dims '{dims}', but declares '{' '.join(declared.dims)}'")
         unit = array.attrs.get("units", declared.unit)
-        if not same_unit(unit, declared.unit):
+        if unit not in carried and not same_unit(unit, declared.unit):
             raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
         for own in declared.dims:
             if own in array.coords and own in data.coords and not array.coords[own].equals(data.coords[own]):

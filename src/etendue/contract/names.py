@@ -14,6 +14,11 @@ OWN = ("status",)  # an array in every group beside the variables of a stage
 LONGEST = 100  # characters: with the axes of a cell in it a name of a file has 255 bytes
 
 
+def beside(dims: Iterable[str]) -> set[str]:
+    """Dims and the names of coordinates that an archive may have of them."""
+    return {own for dim in dims for own in (dim, f"{dim}_um", f"{dim}_at", f"{dim}_bounds")}
+
+
 def unfit_stage(name: str) -> str:
     """Why a stage may not be named so."""
     if not name.replace("_", "a").replace("-", "a").isalnum():
@@ -37,8 +42,7 @@ def unfit_variable(name: str, dims: Iterable[str]) -> str:
         return f"{LOOKS!r} under 'keep' means pictures and figures of all stages"
     if name in OWN:
         return "every group of an archive has an array of this name of its own"
-    taken = {own for dim in dims for own in (dim, f"{dim}_um", f"{dim}_bounds")}
-    if name in taken:
+    if name in beside(dims):
         return "a coordinate of what the stage writes has this name"
     if len(name) > LONGEST:
         return f"expected at most {LONGEST} letters"
@@ -47,6 +51,6 @@ def unfit_variable(name: str, dims: Iterable[str]) -> str:
 
 def unfit_axis(dim: str, dims: Iterable[str]) -> str:
     """Why an axis may not have this dim, beside those of what a stage writes."""
-    if dim in {own for each in dims for own in (each, f"{each}_um", f"{each}_bounds")} or dim in OWN:
+    if dim in beside(dims) or dim in OWN:
         return f"{dim!r} is a dim, or a coordinate, of what a stage writes"
     return ""

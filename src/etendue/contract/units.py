@@ -15,7 +15,7 @@ from etendue.plugins import discovery
 
 # symbol -> (factor, base dimension symbols with exponents)
 _PREFIX = {"": 0, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "c": -2, "k": 3}  # micro sign and Greek mu
-_BASE = {"m": "m", "s": "s", "A": "A", "W": "W", "sr": "sr", "cd": "cd", "K": "K", "V": "V", "Hz": "Hz", "lx": "lx"}
+_BASE = {"m": "m", "s": "s", "A": "A", "W": "W", "sr": "sr", "cd": "cd", "K": "K", "V": "V", "Hz": "Hz", "lx": "lx", "Pa": "Pa"}
 _PLAIN = {
     "pixel": (Decimal(1), {"pixel": 1}),
     "cycle": (Decimal(1), {}),

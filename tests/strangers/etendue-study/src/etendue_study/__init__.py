@@ -1,0 +1,1 @@
+"""A study by somebody else: which figure moves most when one quantity moves."""

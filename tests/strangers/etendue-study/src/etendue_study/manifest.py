@@ -1,0 +1,14 @@
+"""What this distribution brings: a command and a method of pipelines."""
+
+from etendue.api import hookimpl
+
+
+@hookimpl
+def etendue_commands():
+    doc = "which figure moves most when a quantity moves"
+    return {"sensitivity": {"place": "etendue_study.command:sensitivity", "usage": "FILE NAME=V,V", "doc": doc}}
+
+
+@hookimpl
+def etendue_methods():
+    return {"Pipeline.sensitivity": "etendue_study.study:sensitivity"}
