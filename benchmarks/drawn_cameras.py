@@ -128,7 +128,7 @@ class Drawn:
         """A stage with values of its own, each drawn with some chance."""
         stage: Document = {"use": use, "name": slot}
         for name, (parameter, kind, default) in parameters_of(self.registry.load(use)).items():
-            if name in given or parameter.camera or name in FIXED:
+            if name in given or parameter.shared or name in FIXED:
                 continue
             with self.stream(slot, name):
                 drawn = default is MISSING or self.chance(share)

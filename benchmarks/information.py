@@ -155,7 +155,7 @@ class Edges:
         demosaic = next(stage for stage, variable in self.detail.answers if variable == "rgb_camera")
         base = self.pipeline
         if pixel in out:
-            base = replace(base, camera={**base.camera, "aperture_fraction": 0.02})  # a point, but for 0.01 % at Nyquist
+            base = replace(base, shared={**base.shared, "aperture_fraction": 0.02})  # a point, but for 0.01 % at Nyquist
         gone = set(out) - {pixel}
         if demosaic in gone:
             ideal = ideal_of(base, REGISTRY)

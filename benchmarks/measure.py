@@ -137,11 +137,27 @@ def noise(seeds: int) -> None:
             print(f"  {side:4} x {side}, {kind:10}: {100 * held[0] / seeds:5.1f} %, {100 * held[1] / seeds:5.1f} %")
 
 
+def rounded_noise(seeds: int) -> None:
+    print("noise of an even patch of any level, 8 bits, 64 x 64: intervals that hold the truth, patches that are said to be hidden")
+    with tempfile.TemporaryDirectory() as folder:
+        for sigma in (0.001, 0.003, 0.006):
+            held = hidden = 0
+            for seed in range(seeds):
+                rng = np.random.default_rng([seed, round(1e4 * sigma)])
+                picture = rng.uniform(0.1, 0.7) + rng.normal(0, sigma, (64, 64))
+                one = measure(written(Path(folder), "PNG, 8 bits", picture), Asked(noise=("0,0,64,64",)))["noise"][0]
+                found = one["channels"][0]["linear"]["sigma"]
+                held += found["low"] <= sigma <= found["high"]
+                hidden += bool(one["hidden"])
+            print(f"  sigma {sigma:5.3f}: {100 * held / seeds:5.1f} %, {100 * hidden / seeds:5.1f} %")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=400)
     count = parser.parse_args().seeds
     noise(count)
+    rounded_noise(count)
     stars(count)
     edges(count)
     found_edges(max(count // 4, 1))

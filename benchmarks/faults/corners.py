@@ -160,7 +160,7 @@ def cases(names: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
             continue
         yield use, holding(use, {})
         for name, (parameter, kind, _) in parameters_of(registry.load(use)).items():
-            for value in [] if parameter.camera else corners(parameter, kind):
+            for value in [] if parameter.shared else corners(parameter, kind):
                 yield f"{use}.{name} = {value}", holding(use, {name: copy.deepcopy(value)})
 
 

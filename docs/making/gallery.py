@@ -127,7 +127,7 @@ def in_place(base: Any, name: str) -> Any:
 
 def _values(kind: Any) -> dict[str, Any]:
     """What a stage is told: the chart's size where it draws one, an example where it has no default."""
-    own = {name: (parameter, default) for name, (parameter, _, default) in parameters_of(kind).items() if not parameter.camera}
+    own = {name: (parameter, default) for name, (parameter, _, default) in parameters_of(kind).items() if not parameter.shared}
     own_chart = {name: value for name, value in CHART.items() if name in own}
     values = {name: parameter.example for name, (parameter, default) in own.items() if default is MISSING and parameter.example is not None}
     return {**values, **(own_chart if kind.role == "scene" else {})}

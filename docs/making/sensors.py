@@ -20,7 +20,7 @@ def page() -> str:
         parts += [
             f"## {name}",
             shown(f"{one.title}. {one.description}"),
-            table(("quantity", "value", "source"), _rows({**one.facts, **one.camera})),
+            table(("quantity", "value", "source"), _rows({**one.facts, **one.shared})),
         ]
     return "\n\n".join(parts)
 

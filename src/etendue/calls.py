@@ -30,6 +30,8 @@ TYPED = ("prune", "accept-platform", "recompute", "cell-timeout")  # which only 
 KINDS = ("dng", "tiff", "png")  # of exported files
 ARGUMENTS = {"variable": "variables", "all": "everything"}
 _COMMAND = re.compile(r"\betendue (?:[a-z]+\b)[^;:,()\n]*")
+_TEXT = r"'[^']*'"
+_AGAIN = re.compile(rf"\b(\w+)={_TEXT}(?: \1={_TEXT})+")
 _PLACE = re.compile(r"--(?:at|set) (?=[\w.]+\b)")
 _OPTION = re.compile(r"--([a-z][a-z-]*)(?: (?!(?:and|or|of|is|to|in|on|with|where|from|that|as|at|for|has|gives)\b)([^\s:;()]+))?")
 
@@ -47,8 +49,13 @@ def in_arguments(text: str) -> str:
         kept.append(found[0])
         return f"\0{len(kept) - 1}\0"
 
-    text = _OPTION.sub(_argument, _PLACE.sub("", _COMMAND.sub(keep, text)))
+    text = _AGAIN.sub(_together, _OPTION.sub(_argument, _PLACE.sub("", _COMMAND.sub(keep, text))))
     return re.sub(r"\0(\d+)\0", lambda found: kept[int(found[1])], text)
+
+
+def _together(found: re.Match[str]) -> str:
+    """What may be repeated as an option is a list in a call."""
+    return f"{found[1]}=[{', '.join(re.findall(_TEXT, found[0]))}]"
 
 
 def _argument(found: re.Match[str]) -> str:

@@ -353,7 +353,7 @@ def simulate(
     want : variables, or one, to compute, instead of the file's ``wanted``
     scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
     leave_out : whether what the scene does not need may be left out
-    **parameters : camera quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
+    **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
 
     Raises
     ------
@@ -376,7 +376,7 @@ def simulate(
         elif isinstance(value, list | tuple | dict):
             overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
         else:
-            overrides[key if "." in key else f"camera.{key}"] = value
+            overrides[key] = value
     if want is not None:
         overrides["wanted"] = [want] if isinstance(want, str) else list(want)
     plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)

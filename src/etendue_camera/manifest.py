@@ -12,9 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from etendue.plugins.hookspecs import LIBRARY, hookimpl
+from etendue.api import hookimpl
 
 DATA = Path(__file__).parent / "data"
+LIBRARY = "colour-science"  # in place of a path: a table of this library
 
 
 def _table(name: str) -> dict[str, Any]:
@@ -64,6 +65,14 @@ def etendue_sensors() -> dict[str, Path]:
 @hookimpl
 def etendue_roles() -> dict[str, str]:
     return _table("roles")
+
+
+@hookimpl
+def etendue_vocabularies() -> dict[str, Any]:
+    return {
+        "sensors": {"word": "sensor"},  # a TOML file as in data/sensors, or the same as a mapping: [camera] sensor = "NAME"
+        "spectra": {"word": "spectrum", "endings": (".csv", ".spdx"), "library": LIBRARY},  # usable wherever the path of a table is
+    }
 
 
 @hookimpl
@@ -136,3 +145,24 @@ def etendue_dims() -> dict[str, Any]:
 @hookimpl
 def etendue_examples() -> dict[str, Any]:
     return dict(_shown()["examples"])
+
+
+@hookimpl
+def etendue_tables() -> dict[str, Any]:
+    return {"camera": {"preset": "sensor", "presets": "sensors", "listed": "etendue sensors"}}
+
+
+@hookimpl
+def etendue_templates() -> dict[str, Any]:
+    keep = {"all": "everything", "looks": "pictures and figures, not the bands of light", "rgb_display": "the picture alone"}
+    return {"camera": {"path": DATA / "beginning.toml", "preset": "sony-imx363", "keep": keep}}
+
+
+@hookimpl
+def etendue_beginnings() -> dict[str, Any]:
+    return _table("beginnings")
+
+
+@hookimpl
+def etendue_elsewhere() -> dict[str, Any]:
+    return _table("plugins")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from etendue.plugins.hookspecs import hookimpl
+from etendue.api import hookimpl
 
 _CLI = "etendue_lab.cli"
 

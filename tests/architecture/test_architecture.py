@@ -141,7 +141,7 @@ def test_no_vocabulary_speaks_of_what_is_not_there():
     written = {declaration.variable for kind in kinds for declaration in writes_of(kind).values()}
     assert set(manifest.etendue_variables()) - written == set()
     assert set(manifest.etendue_roles()) - {kind.role for kind in kinds} == set()
-    taken = {name for kind in kinds for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+    taken = {name for kind in kinds for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared}
     assert set(manifest.etendue_quantities()) - taken == set()
 
 

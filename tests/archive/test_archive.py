@@ -22,6 +22,7 @@ from etendue.archive import chunks, finding
 from etendue.archive.journal import read_journal
 from etendue.archive.naming import cell_name
 from etendue.archive.reading import open_archive
+from etendue.archive.strangers import other_stages
 from etendue.errors import ArchiveError, ArchiveInUse
 from tests.archive.tiny import index_of, slots_of
 from tests.run.small import BARE, SWEEP, assert_same_archives, command, plan_of, run
@@ -199,7 +200,7 @@ def test_a_file_parameter_is_recorded_by_content(tmp_path):
     assert str(tmp_path) not in record
     (kept,) = (tmp_path / "a" / "inputs").iterdir()
     assert kept.read_bytes() == table.read_bytes()
-    assert json.loads(record)["camera"]["sensitivity"] == f"sha256:{kept.stem}"
+    assert json.loads(record)["shared"]["sensitivity"] == f"sha256:{kept.stem}"
 
 
 def test_records_are_strict_json_even_with_an_infinite_parameter(tmp_path):
@@ -514,6 +515,17 @@ def test_other_stages_or_axes_are_refused_with_a_way_out_and_nothing_changes(cop
     with pytest.raises(ArchiveError, match=r"other stages or axes.*--archive copy-2"):
         run(plan_of({**SWEEP, **other}), copy)
     assert contents(copy) == before
+
+
+def test_what_to_type_for_other_stages_or_axes_is_said(tmp_path):
+    old, new = {"a": ["f"], "b": ["f"]}, {"a": ["f"], "c": ["f"]}
+    (tmp_path / "x-2").mkdir()
+    record = {"overrides": {"wanted": '["b.one"]'}}
+    text = other_stages(tmp_path / "x", old, new, ["c.two"], record)
+    assert "it lacks: c; this run lacks: b" in text
+    assert "--archive x-3; for both in one: --archive x-3 --want b.one --want c.two" in text
+    assert other_stages(tmp_path / "x", old, {"a": ["f"]}, ["a.one"], None).endswith("--archive x-3; or, without --want a.one, go on in x")
+    assert "this run sweeps also: g)" in other_stages(tmp_path / "x", old, {"a": ["f"], "b": ["f", "g"]}, None, {})
 
 
 def test_another_platform_is_refused_and_nothing_changes(copy, plan, monkeypatch):

@@ -99,8 +99,8 @@ def plan_from(path, words):
 def assert_same_plan(first, second):
     one, other = ({cell_name(plan, ref): (cell.key, cell.seed) for ref, cell in plan.cells.items()} for plan in (first, second))
     assert one == other
-    assert (first.kept, first.wanted, first.precision, first.camera.keys()) == (
-        second.kept, second.wanted, second.precision, second.camera.keys(),
+    assert (first.kept, first.wanted, first.precision, first.shared.keys()) == (
+        second.kept, second.wanted, second.precision, second.shared.keys(),
     )  # fmt: skip
     assert [(a.key, a.values) for a in first.axes] == [(a.key, a.values) for a in second.axes]
 
@@ -165,7 +165,7 @@ def test_what_python_asked_for_is_recorded_too(tmp_path):
     file = tiny_file(tmp_path)
     simulate(file, archive=tmp_path / "a", f_number=np.array([2.0, 4.0]), pixel__rows=[4], transmittance=np.float64(0.25), leave_out=False)
     made = make_plan(read_pipeline(tmp_path / "a/runs/0001.toml"), installed_stages())
-    assert made.camera["transmittance"] == 0.25
+    assert made.shared["transmittance"] == 0.25
     assert not made.leaves_out
     assert [axis.values for axis in made.axes] == [(2.0, 4.0), ("absorbing", "reflecting"), (4,)]
 

@@ -76,8 +76,8 @@ def test_both_names_of_an_override_give_one_pipeline(text, one, other):
 
 
 def test_of_two_overrides_that_mean_one_thing_the_last_counts():
-    assert parse_pipeline(HEAD, overrides={"f_number": 2, "camera.f_number": 4}).camera == {"f_number": 4}
-    assert parse_pipeline(HEAD, overrides={"camera.f_number": 2, "f_number": 4}).camera == {"f_number": 4}
+    assert parse_pipeline(HEAD, overrides={"f_number": 2, "camera.f_number": 4}).shared == {"f_number": 4}
+    assert parse_pipeline(HEAD, overrides={"camera.f_number": 2, "f_number": 4}).shared == {"f_number": 4}
 
 
 @pytest.mark.parametrize("axis", ["camera.f_number = [2, 4]", '"camera.f_number" = [2, 4]', "camera = { f_number = [2, 4] }"])

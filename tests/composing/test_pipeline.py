@@ -72,7 +72,7 @@ def test_no_call_changes_what_it_is_called_on():
 def test_every_installed_stage_has_its_own_signature_and_help():
     for name in dir(s):
         own = inspect.signature(getattr(s, name)).parameters
-        declared = {n: found for n, found in parameters_of(installed_stages().load(name)).items() if not found[0].camera}
+        declared = {n: found for n, found in parameters_of(installed_stages().load(name)).items() if not found[0].shared}
         assert set(own) == {*declared, "name", "reads_from"}
         assert {n for n, p in own.items() if p.default is inspect.Parameter.empty} == {
             n for n, (_, _, d) in declared.items() if d is MISSING

@@ -78,6 +78,7 @@ def test_a_fault_of_a_plugin_keeps_all_of_its_traceback():
         ("choose with --at stage=pixel (or lens)", "choose with stage=pixel (or lens)"),
         ("look at --encoding and --space", "look at encoding= and space="),
         ("mend it: etendue verify ARCHIVE --repair", "mend it: etendue verify ARCHIVE --repair"),
+        ("both: --archive b --want x.y --want z", "both: archive='b' want=['x.y', 'z']"),
         ("remove them with --prune", "remove them with etendue run --prune"),
         ("write over it with --force, or elsewhere with --output", "write over it with force=True, or elsewhere with output="),
     ],

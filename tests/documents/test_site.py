@@ -134,11 +134,15 @@ def test_the_citation_names_this_version():
     )
 
 
+def test_every_picture_of_a_page_has_a_command_that_draws_it(making):
+    assert {path.name for path in (ROOT / "docs" / "pages").iterdir()} == set(making("screens").MADE)
+
+
 def test_every_value_of_a_packaged_sensor_stands_on_a_page_with_its_source(making):
     text = making("sensors").page()
     for name in preset_names():
         part = text.partition(f"## {name}\n")[2].partition("\n## ")[0]
-        for quantity, one in preset(name).camera.items():
+        for quantity, one in preset(name).shared.items():
             (row,) = (line for line in part.splitlines() if line.startswith(f"| `{quantity}` |"))
             assert not one.source.startswith("http") or f"](<{one.source}>)" in row
 

@@ -38,6 +38,7 @@ def measured():
     ],
 )  # fmt: skip
 def test_what_was_put_in_comes_out_within_its_interval(measured, name, truth):
+    assert not any(m.hidden for m in measured)
     estimates = [getattr(m, name) for m in measured]
     # fixed seeds; 12 intervals of 95 %: three outside has probability 0.02, and half of them outside never happens
     assert sum(e.low <= truth <= e.high for e in estimates) >= 10
@@ -90,7 +91,9 @@ def test_frames_that_never_saturate_say_nothing_of_saturation_and_hold_the_rest(
 
 
 def test_quantisation_that_hides_the_read_noise_leaves_an_upper_limit():
-    found = emva.measure(TIMES, sensor(6, RATE, gain=0.02), sensor(6, 0.0, gain=0.02)).read_noise
+    whole = emva.measure(TIMES, sensor(6, RATE, gain=0.02), sensor(6, 0.0, gain=0.02))
+    found = whole.read_noise
+    assert whole.hidden
     assert np.isnan(found.value)
     assert_allclose(found.high, 0.4 / 0.02, rtol=0.2)
 

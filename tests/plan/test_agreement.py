@@ -78,9 +78,9 @@ def test_equal_names_have_equal_defaults_or_a_reason():
             continue
         for parameter, (known, _, default) in parameters_of(registry.load(name)).items():
             value = "required" if default is MISSING else repr(default)
-            found.setdefault(parameter, set()).add((value, known.units, known.camera))
+            found.setdefault(parameter, set()).add((value, known.units, known.shared))
             if distribution == "etendue":
-                own.setdefault(parameter, set()).add((value, known.units, known.camera))
+                own.setdefault(parameter, set()).add((value, known.units, known.shared))
     assert {name for name, values in found.items() if len(values) > 1} <= {*DIFFER, *ABROAD}
     assert {name for name, values in own.items() if len(values) > 1} == set(DIFFER)  # no reason that has become idle
 

@@ -72,6 +72,14 @@ def test_a_cell_that_failed_is_marked_and_none_of_its_numbers_is_drawn(tree):
     assert not any(row[-1] == 77 for row in plot.rows)
 
 
+def test_a_refusal_calls_the_archive_by_its_name(tree):
+    data = tree["exposure_report"].to_dataset()[["status", "mean_snr"]]
+    for kind, *names in (("mapp",), ("map", "nothing"), ("pareto",), ("pareto", "mean_snr")):
+        with pytest.raises(RequestError, match="etendue plot 'my own' ") as refused:
+            draw(Holdings(data, "'my own'"), kind, Asked(tuple(names)))
+        assert "ARCHIVE" not in str(refused.value)
+
+
 @pytest.mark.parametrize("cells", [{"f_number": [0], "pixel_pitch": [0], "integration_time": [0]}, {"f_number": [1]}, {}])
 def test_any_number_of_axes_is_drawn(tree, cells):
     data = tree["exposure_report"].to_dataset().isel(cells)

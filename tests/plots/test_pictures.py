@@ -212,6 +212,19 @@ def test_pictures_of_a_sheet_are_upright_with_their_aspect_and_fill_their_tiles(
         assert (edge == 255).all()  # nothing is cut off
 
 
+def test_a_white_picture_has_a_rim_and_is_said_to_be_white(tmp_path):
+    shapes = [(64, 64), (64, 64)]
+    blank = table(shapes)
+    blank["arrays"]["preview"][1][:] = 255
+    first = contact_sheet._tiles(blank)[0]
+    assert first.text[1].endswith("64 x 64, all white")
+    contact_sheet.contact_sheet(blank, tmp_path / "sheet.png", "t")
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        page = np.asarray(sheet.convert("RGB"))
+    left, middle = contact_sheet.GAP, contact_sheet.HEAD + contact_sheet.LABEL + len(first.picture) // 2
+    assert (page[middle, left - 1] == contact_sheet.RIM).all() and (page[middle, left] == 255).all()
+
+
 def test_maps_on_the_sheet_have_every_number_in_its_place_and_are_drawn_anew_below_the_same_pictures(tmp_path):
     one = small_maps.SmallMap(
         "s", "v", "dB", (("f_number", (2.0, 4.0, 8.0), ""), ("pitch", (1.0, 2.0), "um")), tuple(("s", (i,)) for i in range(6)), ""

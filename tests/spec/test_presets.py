@@ -24,12 +24,12 @@ DECLARED = {
     name: (parameter, kind)
     for stage in installed_stages().names()
     for name, (parameter, kind, _) in parameters_of(installed_stages().load(stage)).items()
-    if parameter.camera
+    if parameter.shared
 }
 
 
 def value_of(sensor, name):
-    return resolve(preset(sensor).camera[name].value, *DECLARED[name], Path("."))
+    return resolve(preset(sensor).shared[name].value, *DECLARED[name], Path("."))
 
 
 def plan_of(text=TEXT, **overrides):
@@ -40,10 +40,10 @@ def plan_of(text=TEXT, **overrides):
 def test_every_value_is_one_of_its_quantity_and_says_where_it_is_from(sensor):
     found = preset(sensor)
     assert found.title and found.kind and found.description
-    for name in found.camera:
+    for name in found.shared:
         assert name in camera.names(), name
         value_of(sensor, name)  # in range and of the right unit
-    for name, sourced in {**found.camera, **found.facts}.items():
+    for name, sourced in {**found.shared, **found.facts}.items():
         assert re.match(r"https?://\S+$", sourced.source) or sourced.source.startswith(SPOKEN), f"{name}: {sourced.source}"
 
 
@@ -60,7 +60,7 @@ def test_the_full_well_that_is_published_is_the_one_that_comes_out(sensor):
 
 @pytest.mark.parametrize("sensor", preset_names())
 def test_a_published_gain_brings_the_published_full_well_near_the_top_code(sensor):
-    if "conversion_gain" in preset(sensor).camera:
+    if "conversion_gain" in preset(sensor).shared:
         area = (value_of(sensor, "pixel_pitch") * value_of(sensor, "aperture_fraction")) ** 2
         codes = value_of(sensor, "full_well_density") * area * value_of(sensor, "conversion_gain")
         top = 2 ** value_of(sensor, "bits") - 1 - value_of(sensor, "black_level")
@@ -88,13 +88,13 @@ def test_a_range_that_is_not_that_of_the_values_and_a_guess_that_lowers_it_say_b
     published = found.facts.get("dynamic_range")
     if published is not None and abs(float(published.value.removesuffix(" dB")) - own) > 1:
         assert f"{own:.1f} dB" in published.note
-    if found.camera["dsnu"].source == "typical" and own - lowered > 1:
-        assert f"{lowered:.1f} dB" in found.camera["dsnu"].note and f"{own:.1f}" in found.camera["dsnu"].note
+    if found.shared["dsnu"].source == "typical" and own - lowered > 1:
+        assert f"{lowered:.1f} dB" in found.shared["dsnu"].note and f"{own:.1f}" in found.shared["dsnu"].note
 
 
 @pytest.mark.parametrize("sensor", preset_names())
 def test_sensitivity_curves_are_there_and_said_to_be_another_cameras(sensor):
-    sourced = preset(sensor).camera["sensitivity"]
+    sourced = preset(sensor).shared["sensitivity"]
     spectra.check_camera(sourced.value)
     assert "another camera" in sourced.note
 
@@ -104,12 +104,12 @@ def test_there_are_the_paper_and_three_classes():
     assert {"paper", "phone", "full frame", "machine vision"} <= kinds
     for kind in ("phone", "full frame", "machine vision"):
         sensor = next(preset(name) for name in preset_names() if preset(name).kind == kind)
-        published = [name for name, s in sensor.camera.items() if s.source.startswith("http") and name != "sensitivity"]
+        published = [name for name, s in sensor.shared.items() if s.source.startswith("http") and name != "sensitivity"]
         assert {"pixel_pitch", "full_well_density", "read_noise", "bits"} <= set(published), kind
 
 
 def test_what_the_paper_does_not_print_is_marked():
-    paper = preset("paper-ccd").camera
+    paper = preset("paper-ccd").shared
     printed = {name for name, s in paper.items() if s.source.startswith("seed paper")}
     assert printed == {"pixel_pitch", "aperture_fraction", "depletion_depth", "diffusion_depth"}
     for name in ("full_well_density", "dark_current_density", "read_noise", "dsnu", "bits", "peak_qe", "diffusion_length"):
@@ -119,10 +119,10 @@ def test_what_the_paper_does_not_print_is_marked():
 @pytest.mark.parametrize("sensor", preset_names())
 def test_a_pipeline_that_names_a_sensor_has_its_values(sensor):
     plan = plan_of(sensor=sensor)
-    for name in preset(sensor).camera:
-        if name in plan.camera:
-            assert plan.camera[name] == value_of(sensor, name), name
-    assert plan.pipeline.sensor == sensor
+    for name in preset(sensor).shared:
+        if name in plan.shared:
+            assert plan.shared[name] == value_of(sensor, name), name
+    assert plan.pipeline.preset_name == sensor
 
 
 def test_what_the_pipeline_says_goes_before_what_the_sensor_says():
@@ -167,7 +167,7 @@ def test_a_sensor_that_is_none_is_a_fault_with_a_way_out(overrides, place, says)
 
 def test_the_pipeline_in_the_repository_runs_as_it_stands():
     plan = make_plan(read_pipeline(ROOT / "pipelines" / "sensors.toml"), installed_stages())
-    assert plan.camera["pixel_pitch"] == 5.86
+    assert plan.shared["pixel_pitch"] == 5.86
 
 
 def command(*words):
@@ -178,9 +178,9 @@ def test_the_command_lists_sensors_and_gives_sources():
     listed = json.loads(command("--json").stdout)
     assert [one["name"] for one in listed] == list(preset_names())
     (one,) = json.loads(command("sony-imx363", "--json").stdout)
-    assert one["camera"]["read_noise"] == {"value": 5, "source": preset("sony-imx363").camera["read_noise"].source, "note": ""}
+    assert one["camera"]["read_noise"] == {"value": 5, "source": preset("sony-imx363").shared["read_noise"].source, "note": ""}
     shown = command("sony-a7r2").stdout
-    assert preset("sony-a7r2").camera["read_noise"].source in shown  # whole, to be copied
+    assert preset("sony-a7r2").shared["read_noise"].source in shown  # whole, to be copied
     assert "typical" in shown
     wrong = command("sony-a7r")
     assert (wrong.returncode, wrong.stdout) == (2, "")

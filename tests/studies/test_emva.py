@@ -17,6 +17,7 @@ from etendue_camera.electronics import emva as kernel
 from etendue_camera.sensor import cfa
 from etendue_lab.emva.report import SHEET, Expected
 from etendue_lab.emva.study import of_archive, of_pipeline
+from etendue_lab.emva.terminal import print_emva
 
 CAMERA = {
     "pixel_pitch": 5.4, "peak_qe": [0.5], "sensitivity": "flat", "full_well_density": 500, "bits": 12, "black_level": 128,
@@ -81,6 +82,17 @@ def test_intervals_hold_what_they_should_as_often_as_they_say():
         held += [row["held"] for row in report.channels[0].rows() if row["figure"] in (*SHEET, "dsnu", "absolute_sensitivity")]
     assert len(held) == 96 and None not in held
     assert np.mean(held) > 0.88
+
+
+def test_what_rounding_hides_in_the_dark_is_not_covered(capsys):
+    """8 bits over 8000 electron: a read noise of 6 is 0.2 of a number; with 12 bits it is 3."""
+    for bits, hidden in ((8, {"read_noise", "dark_current", "dsnu"}), (12, set())):
+        report = measured(camera={"bits": bits, "black_level": 2 ** (bits - 4)})
+        assert {row["figure"] for row in report.channels[0].rows() if not row["covered"]} == hidden
+        print_emva(report.document())
+        said = capsys.readouterr().out
+        assert ("channel W: not covered" in said) == bool(hidden)
+        assert "simulated sensors" in said
 
 
 def test_a_sensor_that_its_dark_current_fills_is_measured_at_shorter_times():

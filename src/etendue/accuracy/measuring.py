@@ -146,7 +146,7 @@ class Measurement:
         return make_plan(pipeline, self.registry, expected=True, computed=computed)
 
     def possible(self, reference: Reference) -> Reference:
-        """The reference; a knob whose best setting its stage refuses in this camera stands at the best that it takes.
+        """The reference; a knob whose best setting its stage refuses in this pipeline stands at the best that it takes.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class Measurement:
             self.plan(reference.pipeline)
             return reference
         except RequestError:
-            self.plan(self.pipeline)  # the camera's own faults
+            self.plan(self.pipeline)  # the pipeline's own faults
         return reference_of(self.pipeline, self.registry, [self.within(knob) for knob in reference.knobs])
 
     def within(self, knob: Knob) -> Knob:

@@ -77,7 +77,7 @@ def knobs_of(pipeline: Pipeline, registry: Registry) -> tuple[Knob, ...]:
             except PluginError:
                 continue
             for name, (parameter, _, default) in declared.items():
-                if parameter.fidelity and not parameter.camera and default is not MISSING:
+                if parameter.fidelity and not parameter.shared and default is not MISSING:
                     swept = f"{entry.name}.{name}" in pipeline.sweep
                     own = values.get(name, default)
                     settings = ladder(parameter, default)

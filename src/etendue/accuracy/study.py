@@ -1,4 +1,4 @@
-"""Error against run time: each knob of a camera alone, and the front over their combinations.
+"""Error against run time: each knob of a pipeline alone, and the front over their combinations.
 
 In:  a pipeline, which knobs.
 Out: an ``Accuracy``: curves, trials, the front, the cheapest setting for a list of tolerances, the noise floor.
@@ -106,7 +106,7 @@ def accuracy(
     repeat : runs of each trial, whose least seconds count
     most : combinations at most
     told : hears what is being tried
-    elsewhere : the same camera in front of another scene, on which the cheapest settings are tried too; ``verify`` says which
+    elsewhere : the same stages behind another source, on which the cheapest settings are tried too; ``verify`` says which
 
     Raises
     ------
@@ -227,7 +227,7 @@ class _Study:
         return self.trials[name]
 
     def planned(self, pipeline: Pipeline) -> Trial:
-        """The camera as its file has it."""
+        """The pipeline as its file has it."""
         self.told("as planned")
         own = replace(self.measurement.pipeline, tolerance=pipeline.tolerance, leave_out=pipeline.leave_out, precision=pipeline.precision)
         values = {k.key: k.value for k in self.knobs}
@@ -305,7 +305,7 @@ class _Study:
         return [replace(c, trials=tuple(settled[tuple(sorted(t.settings.items()))] for t in c.trials)) for c in curves]
 
     def noise(self) -> tuple[float | None, str]:
-        """How far a frame is from its mean: rms of the last wanted picture behind a draw, of the reference camera."""
+        """How far a frame is from its mean: rms of the last wanted picture behind a draw, of the reference."""
         self.told("the noise of a frame")
         exact = self.measurement.exact
         drawing = behind(exact, (node.name for node in exact.nodes if node.is_random))

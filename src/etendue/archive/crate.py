@@ -105,7 +105,7 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
     records = [f"runs/{run.path.name}" for run in runs]
     yield {
         "@id": "./", "@type": "Dataset", "conformsTo": _ids(uri for uri, _, _ in PROFILES), "name": about.title or pipeline.name,
-        "description": pipeline.description or f"Camera simulation '{pipeline.name}': every variable of every stage, and how it was made",
+        "description": pipeline.description or f"Simulation '{pipeline.name}': every variable of every stage, and how it was made",
         "datePublished": _date(runs), "license": {"@id": _license(about)},
         **({"author": _ids(_persons(about))} if about.authors else {}),
         **({"mainEntity": {"@id": workflows[0]}} if workflows else {}),
@@ -115,8 +115,8 @@ def _graph(folder: Path, plan: Plan, runs: list[Recorded], ended: Mapping[str, s
     yield from ({"@id": uri, "@type": "CreativeWork", "name": name, "version": version} for uri, name, version in PROFILES)
     yield from _people(about)
     yield {"@id": ENGINE, "@type": "SoftwareApplication", "name": "etendue", "version": version_of("etendue"),
-           "description": "camera simulation from scene light to display colour"}  # fmt: skip
-    yield {"@id": LANGUAGE, "@type": "ComputerLanguage", "name": "etendue pipeline file", "description": "TOML: camera, stages, sweep",
+           "description": "a graph of stages on labelled arrays, planned, swept and archived"}  # fmt: skip
+    yield {"@id": LANGUAGE, "@type": "ComputerLanguage", "name": "etendue pipeline file", "description": "TOML: shared, stages, sweep",
            "url": {"@id": "https://toml.io/"}, "identifier": {"@id": "https://toml.io/"}}  # fmt: skip
     yield {"@id": "https://toml.io/", "@type": "WebSite", "name": "TOML"}
     for number, run in enumerate(runs):

@@ -81,7 +81,7 @@ class _Side:
         if dim in self.keys:
             return None
         if not stage:
-            return self.record["camera"].get(name)
+            return self.record["shared"].get(name)
         node = self.record["nodes"].get(stage, {})
         return (node.get("stage") or [None])[0] if name == "use" else node.get("shown", {}).get(name)
 

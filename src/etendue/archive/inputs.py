@@ -28,7 +28,6 @@ from etendue.pipeline.presets import preset
 from etendue.plan.keys import file_digest
 from etendue.plan.model import Plan
 from etendue.plan.parameters import resolve_file
-from etendue.plan.sensors import SENSOR
 
 _COPY = re.compile(r"\.\./inputs/[0-9a-f]{64}[^/]*")
 LARGEST_COPY = 256 << 20  # a larger input is described, not copied
@@ -52,12 +51,12 @@ class _Resolver:
         self.written: dict[str, str] = {}
         registry = installed_stages()
         self.kinds = {entry.name: dict(parameters_of(registry.load(entry.use))) for entry in pipeline.stages}
-        self.camera = {n: p for own in self.kinds.values() for n, p in own.items() if p[0].camera}
+        self.shared = {n: p for own in self.kinds.values() for n, p in own.items() if p[0].shared}
         for key, values in pipeline.sweep.items():
             if key.endswith(".use") and isinstance(values, list | tuple):
                 for one in values:
                     own = parameters_of(registry.load(one if isinstance(one, str) else one["use"]))
-                    self.camera.update({n: p for n, p in own.items() if p[0].camera})
+                    self.shared.update({n: p for n, p in own.items() if p[0].shared})
 
     def value(self, value: Any, parameter: Parameter | None) -> Any:
         """A value; the name of a file by content."""
@@ -77,20 +76,21 @@ class _Resolver:
     def table(self, values: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
         return {name: self.value(value, own[name][0] if name in own else None) for name, value in values.items()}
 
-    def sensor(self, table: Mapping[str, Any]) -> dict[str, Any]:
-        """A sensor of an axis, with what its name stands for written out: another version may say otherwise."""
-        named = preset(table[SENSOR]).values() if SENSOR in table else {}
-        known = {name: value for name, value in named.items() if name in self.camera and name not in self.pipeline.camera}
-        return {name: self.value(value, self.camera.get(name, (None,))[0]) for name, value in {**known, **table}.items()}
+    def preset(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        """A preset of an axis, with what its name stands for written out: another version may say otherwise."""
+        whose = self.pipeline.table
+        named = preset(table[whose.preset], whose).values() if whose.preset in table else {}
+        known = {name: value for name, value in named.items() if name in self.shared and name not in self.pipeline.shared}
+        return {name: self.value(value, self.shared.get(name, (None,))[0]) for name, value in {**known, **table}.items()}
 
     def axis(self, key: str, values: Any) -> Any:
         stage, _, name = key.partition(".")
         if name == "use" and isinstance(values, list | tuple):
             registry = installed_stages()
             return [v if isinstance(v, str) else self.table(v, parameters_of(registry.load(v["use"]))) for v in values]
-        if key == SENSOR and isinstance(values, list | tuple):
-            return [self.sensor({SENSOR: v} if isinstance(v, str) else v) for v in values]
-        own = self.kinds.get(stage, {}) if name else self.camera
+        if key == self.pipeline.table.preset and isinstance(values, list | tuple):
+            return [self.preset({key: v} if isinstance(v, str) else v) for v in values]
+        own = self.kinds.get(stage, {}) if name else self.shared
         parameter = own.get(name or key, (None,))[0]
         if isinstance(values, Mapping):
             return dict(values)
@@ -115,11 +115,12 @@ def resolve_pipeline(plan: Plan) -> Resolved:
         document["keep"] = list(pipeline.keep)
     if said := pipeline.about.document():
         document["about"] = said
-    # what the sensor's name stands for is written out: another version may say otherwise
-    stated = {} if SENSOR in pipeline.sweep else pipeline.preset
-    sensor = {name: value for name, value in stated.items() if name in found.camera and name not in pipeline.sweep}
-    camera = found.table({**sensor, **pipeline.camera}, found.camera)
-    document["camera"] = ({"sensor": pipeline.sensor} if pipeline.sensor and SENSOR not in pipeline.sweep else {}) | camera
+    # what the preset's name stands for is written out: another version may say otherwise
+    stated = {} if pipeline.preset_swept else pipeline.preset
+    given = {name: value for name, value in stated.items() if name in found.shared and name not in pipeline.sweep}
+    shared = found.table({**given, **pipeline.shared}, found.shared)
+    named = {pipeline.table.preset: pipeline.preset_name} if pipeline.preset_name and not pipeline.preset_swept else {}
+    document[pipeline.table.name] = named | shared
     document["stages"] = [
         {"use": entry.use, "name": entry.name, **({"from": dict(entry.origin)} if entry.origin else {}),
          **found.table(entry.values, found.kinds[entry.name])}

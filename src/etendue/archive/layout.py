@@ -13,7 +13,7 @@ from typing import Any
 from etendue.archive.drawing import drawing_attributes
 from etendue.archive.groups import Before, alike, groups_of
 from etendue.archive.naming import Homes, Whole
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
 from etendue.contract.grid import Bands, Coordinate, Labels, Line
 from etendue.contract.variables import NOT_IN_IT, variable
 from etendue.plan.marks import not_in_it
@@ -123,7 +123,7 @@ def _fill(plan: Plan, node: Node, group: GroupLayout, every: Sequence[Cell], kep
     """Variables and coordinates of every cell of a group, from ``cells`` among which all its grids are."""
     for dim in group.axes:
         axis = plan.axis(dim)
-        attrs = {"long_name": camera.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
+        attrs = {"long_name": quantities.long_name(axis.key), "units": axis.units or "1", "parameter": axis.key}
         group.coordinates[dim] = CoordinateLayout((dim,), group.axes[dim], attrs)
     for name in kept:
         declaration = node.writes[name]

@@ -109,7 +109,7 @@ def record_paths(folder: Path) -> list[Path]:
     return sorted(p for p in (folder / "runs").glob("*.json") if p.stem.isdigit()) if (folder / "runs").is_dir() else []
 
 
-_WORDS = {"pipeline": str, "began": str, "camera": dict, "axes": dict, "nodes": dict, "platform": dict, "libraries": dict}
+_WORDS = {"pipeline": str, "began": str, "shared": dict, "axes": dict, "nodes": dict, "platform": dict, "libraries": dict}
 
 
 def is_record(record: Mapping[str, Any]) -> bool:
@@ -143,8 +143,9 @@ def record_of(plan: Plan, asked: Plan, resolved: Resolved, options: Mapping[str,
         "resolved": resolved.text,
         "text": text,
         "overrides": {key: as_recorded(value, resolved.written) for key, value in asked.pipeline.overrides},
-        "sensor": plan.pipeline.sensor,
-        "camera": {k: _plain(v) for k, v in plan.camera.items()},
+        "table": plan.pipeline.table.name,
+        "preset": plan.pipeline.preset_name,
+        "shared": {k: _plain(v) for k, v in plan.shared.items()},
         "axes": {a.key: _plain(a.values) for a in plan.axes},
         "order": [node.name for node in plan.nodes],
         "stages": {node.name: list(node.axes) for node in plan.nodes},

@@ -1,4 +1,4 @@
-"""What was found out about a camera and is costly to find again: measured errors, beside the store of an archive.
+"""What was found out about a pipeline and is costly to find again: measured errors, beside the store of an archive.
 
 In:  the folder of an archive, the key of everything that a document depends on.
 Out: the document; None where nothing is remembered under that key, or the file is damaged.

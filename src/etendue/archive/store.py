@@ -41,7 +41,7 @@ from etendue.archive.owner import ABANDONED, fresh_id, take
 from etendue.archive.parts import PARTS
 from etendue.archive.provenance import latest_record, record_paths
 from etendue.archive.shards import Place, part_path
-from etendue.archive.strangers import check_folder, known_axes, refuse_strangers
+from etendue.archive.strangers import check_folder, known_axes, other_stages, refuse_strangers
 from etendue.archive.tree import ROOT, incompatible
 from etendue.contract.names import TABLES
 from etendue.contract.ports import CellReport, Written
@@ -121,11 +121,7 @@ class Archive:
         new = {node.name: list(node.axes) for node in plan.nodes}
         old = known_axes(self.folder, self.manifest, self.record)
         if old is not None and old != new:
-            what = sorted(set(old) ^ set(new)) or [f"the axes of {n}" for n in new if old.get(n) != new[n]]
-            raise ArchiveError(
-                f"{self.folder} was made with other stages or axes ({', '.join(map(str, what[:4]))}); both are fixed when an archive "
-                f"is created. Use another archive: --archive {self.folder.name}-2"
-            )
+            raise ArchiveError(other_stages(self.folder, old, new, plan.pipeline.wanted, self.record))
 
     def use(self, plan: Plan) -> None:
         """Lay the plan out over what the archive has.

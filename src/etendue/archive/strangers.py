@@ -6,9 +6,12 @@ Out: ``ArchiveError`` where a run would write over, or among, what is not its ow
 
 from __future__ import annotations
 
+import itertools
+import json
 import os
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +70,36 @@ def known_axes(folder: Path, manifest: Manifest | None, record: Mapping[str, Any
         return axes
     recorded = (record or {}).get("stages")
     return recorded if isinstance(recorded, dict) else axes if whole else None
+
+
+def other_stages(
+    folder: Path, old: Mapping[str, Any], new: Mapping[str, Any], wanted: Iterable[str] | None, record: Mapping[str, Any] | None
+) -> str:  # fmt: skip
+    """Why a run of other stages or axes cannot go on here, and what to type instead. ``wanted``: what alone it asks for."""
+    lacking, over = [n for n in new if n not in old], sorted(set(old) - set(new))
+    axes = [n for n in new if n in old and old[n] != new[n]]
+    there, here = ({dim for dims in own.values() for dim in dims} for own in (old, new))
+    parts = {
+        "it lacks": lacking, "this run lacks": over, "this run sweeps also": sorted(here - there) if axes else (),
+        "it sweeps also": sorted(there - here) if axes else (), "they reach other stages": axes if here == there else (),
+    }  # fmt: skip
+    told = [f"{what}: {_some(names)}" for what, names in parts.items() if names]
+    free = next(name for n in itertools.count(2) if not (folder.parent / (name := f"{folder.name}-{n}")).exists())
+    ways = [f"Use another archive: --archive {free}"]
+    if over and not lacking and not axes and wanted:
+        ways.append(f"or, without --want {' --want '.join(wanted)}, go on in {folder.name}")
+    try:
+        before = json.loads((record or {}).get("overrides", {}).get("wanted", "[]"))
+    except (ValueError, TypeError, AttributeError):
+        before = []
+    if lacking and wanted and isinstance(before, list) and before:
+        both = dict.fromkeys([*map(str, before), *wanted])
+        ways.append(f"for both in one: --archive {free} --want {' --want '.join(map(shlex.quote, both))}")
+    return f"{folder} was made with other stages or axes ({'; '.join(told)}); both are fixed when an archive is created. {'; '.join(ways)}"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def refuse_strangers(folder: Path, listing: disk.Listing, stages: set[str], ours: set[str]) -> None:

@@ -1,6 +1,6 @@
 """A pipeline written in Python: what a pipeline file says, as a value that grows by calls.
 
-In:  placed stages, camera quantities, axes of a sweep, what is wanted.
+In:  placed stages, shared quantities, axes of a sweep, what is wanted.
 Out: the same pipeline as TOML, its plan, its results, the studies of it.
 """
 
@@ -18,9 +18,10 @@ from etendue.builder.methods import Extended
 from etendue.builder.shown import plan_page, table_page
 from etendue.builder.stages import Placed, maker, plain
 from etendue.calls import called_methods
-from etendue.contract import quantities as camera
+from etendue.contract import quantities as shared_quantities
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import Stage
+from etendue.contract.tables import SHARED, preset_keys, tables
 from etendue.errors import Fault, RequestError, nearest
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline as Written
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from etendue.plan.model import Plan
     from etendue.session import Outcome
 
-APART = {"stages", "camera", "sweep", "about"}  # of the words of a pipeline file: those with methods of their own
+APART = {"stages", "sweep", "about"}  # of the words of a pipeline file: those with methods of their own
 
 
 def span(first: Any, last: Any, steps: int, spacing: str = "linear") -> dict[str, Any]:
@@ -68,7 +69,7 @@ class Planned:
 @called_methods
 @dataclass(frozen=True)
 class Pipeline(Extended, Source):
-    """A camera from scene to display: placed stages in order, and all else a pipeline file says.
+    """A graph of stages: placed stages in order, and all else a pipeline file says.
 
     Every method gives a new pipeline and leaves the one it is called on as it is.
 
@@ -92,6 +93,7 @@ class Pipeline(Extended, Source):
     quantities: Mapping[str, Any] = field(default_factory=dict)
     axes: Mapping[str, Any] = field(default_factory=dict)
     told: Mapping[str, Any] = field(default_factory=dict)
+    table: str = SHARED  # the name of the table of shared quantities
     folder: Path = Path(".")
 
     def __init__(self, *stages: Placed, name: str = "pipeline", **words: Any) -> None:
@@ -103,6 +105,7 @@ class Pipeline(Extended, Source):
         object.__setattr__(self, "words", {"name": name, **{key: plain(value) for key, value in words.items()}})
         for one in ("quantities", "axes", "told"):
             object.__setattr__(self, one, {})
+        object.__setattr__(self, "table", next(iter(tables())))
         object.__setattr__(self, "folder", Path.cwd())
 
     # -- made of parts ------------------------------------------------------------------------------------------------
@@ -115,11 +118,11 @@ class Pipeline(Extended, Source):
             raise RequestError(written.located(written.faults), written.file)
         document = tomllib.loads(written.text)
         made = cls(name=written.name)
-        words = {key: value for key, value in document.items() if key not in APART}
+        words = {key: value for key, value in document.items() if key not in (*APART, *tables())}
         return made._with(
             stages=tuple(_placed(table) for table in document["stages"]), words={"name": written.name, **words},
-            quantities=document.get("camera", {}), axes=dict(written.sweep), told=document.get("about", {}),
-            folder=Path(path).parent.absolute(),
+            quantities=document.get(written.table.name, {}), table=written.table.name, axes=dict(written.sweep),
+            told=document.get("about", {}), folder=Path(path).parent.absolute(),
         )  # fmt: skip
 
     def _with(self, **parts: Any) -> Pipeline:
@@ -154,10 +157,16 @@ class Pipeline(Extended, Source):
         at = self._position(name)
         return replaced(self, (*self.stages[:at], self.stages[at].with_values(**values), *self.stages[at + 1 :]))
 
-    def camera(self, **quantities: Any) -> Pipeline:
-        """Camera quantities, and ``sensor``: numbers in the declared unit, or texts with a unit."""
-        given = {name.removeprefix("camera__"): plain(value) for name, value in quantities.items()}
+    def shared(self, **quantities: Any) -> Pipeline:
+        """Quantities that stages share, and the name of a preset: numbers in the declared unit, or texts with a unit.
+
+        A method of the name of the table that is installed does the same.
+        """
+        given = {_bare(name): plain(value) for name, value in quantities.items()}
         return self._with(quantities={**self.quantities, **given})
+
+    def __getattr__(self, name: str) -> Any:
+        return self.shared if not name.startswith("_") and name in tables() else super().__getattr__(name)
 
     def sweep(self, **axes: Any) -> Pipeline:
         """Axes: ``f_number=[2, 4]``, ``pixel_pitch=span("1 um", "3 um", 5)``, ``sharpen__strength=[0, 1]``,
@@ -180,12 +189,12 @@ class Pipeline(Extended, Source):
         return self._with(words={**self.words, "keep": list(variables)})
 
     def set(self, **words: Any) -> Pipeline:
-        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; camera quantities as ``camera`` does."""
-        quantities = {word: words.pop(word) for word in [*words] if word.removeprefix("camera__") in ("sensor", *camera.names())}
+        """Other keys of a pipeline file: ``seed``, ``tolerance``, ``precision``, ``description``; shared quantities as ``shared`` does."""
+        quantities = {word: words.pop(word) for word in [*words] if _bare(word) in (*preset_keys(), *shared_quantities.names())}
         faults = [Fault(word, _no_word(word)) for word in words if word not in TOP or word in APART]
         if faults:
             raise RequestError(faults)
-        return self.camera(**quantities)._with(words={**self.words, **{key: plain(value) for key, value in words.items()}})
+        return self.shared(**quantities)._with(words={**self.words, **{key: plain(value) for key, value in words.items()}})
 
     def about(self, **words: Any) -> Pipeline:
         """Who made it and under which licence: the table ``[about]``."""
@@ -201,8 +210,8 @@ class Pipeline(Extended, Source):
 
     def document(self) -> dict[str, Any]:
         """What a pipeline file holds."""
-        tables = {"camera": self.quantities, "sweep": self.axes, "about": self.told}
-        own = {name: dict(table) for name, table in tables.items() if table}
+        parts = {self.table: self.quantities, "sweep": self.axes, "about": self.told}
+        own = {name: dict(table) for name, table in parts.items() if table}
         return {**self.words, **own, "stages": [one.table() for one in self.stages]}
 
     def to_toml(self, path: str | Path | None = None) -> str:
@@ -264,9 +273,9 @@ class Pipeline(Extended, Source):
 
     def _repr_html_(self) -> str:
         rows = [(one.name, one.use, ", ".join(f"{key} = {value}" for key, value in one.values.items())) for one in self.stages]
-        camera_text = ", ".join(f"{key} = {value}" for key, value in self.quantities.items())
+        shared_text = ", ".join(f"{key} = {value}" for key, value in self.quantities.items())
         axes = ", ".join(self.axes)
-        notes = [f"camera: {camera_text}"] * bool(camera_text) + [f"swept: {axes}"] * bool(axes)
+        notes = [f"{self.table}: {shared_text}"] * bool(shared_text) + [f"swept: {axes}"] * bool(axes)
         return table_page(f"pipeline {self.words['name']}", ("stage", "use", "parameters"), rows, [escape(note) for note in notes])
 
 
@@ -296,6 +305,12 @@ def _choice(one: Any) -> Any:
     return getattr(one, "__name__", one) if callable(one) else one
 
 
+def _bare(word: str) -> str:
+    """A quantity's own name, also where it is written ``TABLE__NAME``."""
+    head, mark, name = word.partition("__")
+    return name if mark and head in tables() else word
+
+
 def number(text: str) -> Any:
     try:
         return int(text)
@@ -317,8 +332,8 @@ def _no_stage(one: Any) -> str:
 def _no_word(word: str) -> str:
     if word in APART:
         return f"is set by the method {word}(...)" if word != "stages" else "stages are given in front, in their order"
-    if word in camera.names():
-        return f"is a camera quantity: Pipeline.camera({word}=...)"
+    if word in shared_quantities.names():
+        return f"is a shared quantity: Pipeline.{next(iter(tables()))}({word}=...)"
     return f"is no key of a pipeline{nearest(word, TOP)}"
 
 

@@ -17,6 +17,7 @@ from etendue.calls import called, called_methods
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.tables import tables
 from etendue.contract.units import as_written
 from etendue.errors import Fault, RequestError, nearest
 
@@ -72,8 +73,8 @@ class Maker:
         return installed_stages().load(self.__name__)
 
     def _own(self) -> dict[str, tuple[Parameter, Any, Any]]:
-        """The parameters that stand with the stage; what stages share is the camera's."""
-        return {name: found for name, found in parameters_of(self._kind).items() if not found[0].camera}
+        """The parameters that stand with the stage; shared quantities stand elsewhere."""
+        return {name: found for name, found in parameters_of(self._kind).items() if not found[0].shared}
 
     @property
     def __signature__(self) -> inspect.Signature:
@@ -94,9 +95,9 @@ class Maker:
         lines = [inspect.cleandoc(kind.__doc__ or ""), ""]
         for word, ports in (("Reads", reads_of(kind)), ("Writes", writes_of(kind))):
             lines += [f"{word} {declared}" for declared in ports.values()]
-        camera = [name for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera]
-        if camera:
-            lines.append(f"Takes {', '.join(camera)} from the camera: Pipeline.camera(...)")
+        shared = [name for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared]
+        if shared:
+            lines.append(f"Takes {', '.join(shared)}, which stages share: Pipeline.{next(iter(tables()))}(...)")
         own = self._own()
         if own:
             lines += ["", "Parameters", "----------"]
@@ -168,7 +169,7 @@ def plain(value: Any) -> Any:
 
 def _unknown(name: str, own: Mapping[str, Any], every: Mapping[str, Any]) -> str:
     if name in every:
-        return f"{name} is shared by stages: set it by Pipeline.camera({name}=...)"
+        return f"{name} is shared by stages: set it by Pipeline.{next(iter(tables()))}({name}=...)"
     return f"there is no such parameter{nearest(name, own) or '; it has none'}"
 
 

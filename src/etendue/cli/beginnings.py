@@ -7,23 +7,28 @@ from pathlib import Path
 import click
 
 from etendue.cli.saying import command
+from etendue.contract.tables import preset_keys
 
 FOLDER = click.option("-o", "--output", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER", help="Where; default here.")
 
 
 @command("new")
 @click.argument("name")
-@click.option("--sensor", default="sony-imx363", show_default=True, metavar="NAME", help="One of those that `etendue sensors` lists.")
+@click.option("--template", default="", metavar="NAME", help="Which of those that are installed; default: the first.")
+@click.option(
+    "--preset", *(f"--{key}" for key in sorted(preset_keys())), "chosen", default="", metavar="NAME", help="Default: the template's."
+)
 @FOLDER
-def new(name: str, sensor: str, output: Path | None) -> None:
-    """A commented pipeline NAME.toml to begin with: a whole camera, from a chart to a display."""
-    from etendue.pipeline.beginning import text_of
+def new(name: str, template: str, chosen: str, output: Path | None) -> None:
+    """A commented pipeline NAME.toml to begin with."""
+    from etendue.pipeline import beginning
     from etendue.pipeline.new_files import refuse_existing
 
-    text = text_of(name, sensor)
+    of = beginning.template(template)
+    text = beginning.text_of(name, chosen, None, of)
     place = (output or Path()) / f"{name}.toml"
     refuse_existing(place)
-    text = text_of(name, sensor, _kept(text))
+    text = beginning.text_of(name, chosen, _kept(text), of)
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(text, encoding="utf-8")
     click.echo(f"{place}: next: etendue run {place}")
@@ -43,7 +48,7 @@ def _kept(text: str) -> dict[str, str]:
 
 @command("new-plugin")
 @click.argument("name")
-@click.option("--role", metavar="ROLE", help="What it is for: demosaicing, lens, sharpening, ...; `etendue stages` lists them.")
+@click.option("--role", metavar="ROLE", help="What it is for: one of the roles that `etendue stages` lists.")
 @click.option("--like", metavar="STAGE", help="The installed stage it begins as; default: a simple one of the role.")
 @FOLDER
 def new_plugin(name: str, role: str | None, like: str | None, output: Path | None) -> None:

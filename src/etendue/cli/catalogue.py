@@ -50,15 +50,17 @@ def stages(name: str | None, as_json: bool) -> None:
 @NAME
 @JSON
 def quantities(name: str | None, as_json: bool) -> None:
-    """The camera quantities that stages share: meaning, unit, range, default, and which stages take one."""
-    from etendue.contract import quantities as camera
+    """The quantities that stages share: meaning, unit, range, default, and which stages take one."""
+    from etendue.contract import quantities as shared
     from etendue.contract.registry import installed_stages
+    from etendue.contract.tables import tables
     from etendue.present.terminal.catalogue import print_quantities, print_quantity, quantity_document
 
-    name = name.removeprefix("camera.") if name else None
-    _check("camera quantity", name, camera.names(), "quantities")
+    head, _, tail = (name or "").partition(".")
+    name = tail if tail and head in tables() else name
+    _check("shared quantity", name, shared.names(), "quantities")
     registry = installed_stages() if name else None
-    tell_one(as_json, name, camera.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
+    tell_one(as_json, name, shared.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
 
 
 @command("schema")

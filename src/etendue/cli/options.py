@@ -38,10 +38,12 @@ class _Folder(click.ParamType):  # type: ignore[type-arg]
 PLACE, FOLDER = _Place(), _Folder()
 Adds = Callable[[Any], Any]
 REPEAT = "; may be repeated."
-SETTING = "camera.f_number=4, sharpen.strength=0.3" + REPEAT
+SETTING = "QUANTITY=4, STAGE.PARAMETER=0.3" + REPEAT
 FILE = click.argument("file", type=click.Path(path_type=Path))
 NAME = click.argument("name", required=False)
-SWEEPS = click.option("--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="f_number=1.4,2,2.8 or demosaic.use=a,b" + REPEAT)
+SWEEPS = click.option(
+    "--sweep", "sweeps", multiple=True, metavar="AXIS=V,V,..", help="QUANTITY=1,2,4, STAGE.PARAMETER=0,1 or STAGE.use=a,b" + REPEAT
+)
 WANT = click.option("--want", multiple=True, metavar="VARIABLE", help="Compute this, or stage.variable, and nothing else" + REPEAT)
 TOLERANCE = click.option("--tolerance", metavar="T", help="What may be left out or approximated, of full scale.")
 NOTHING_LEFT_OUT = click.option("--nothing-left-out", is_flag=True, help="Compute also what the scene does not need.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def plot(
     if output is not None:
         check_suffix(output)
     with places.reading(place) as folder:
-        holdings = Holdings(opened(folder))
+        holdings = Holdings(opened(folder), shlex.quote(str(place)))
         if listing:
             from etendue.present.terminal.looking import plots_text
 

@@ -1,4 +1,4 @@
-"""A camera quantity that an earlier stage finds while a run goes on: while planning only its ends are known.
+"""A shared quantity that an earlier stage finds while a run goes on: while planning only its ends are known.
 
 In:  the smallest and the largest value that may be found.
 Out: a value that stands in a stage's parameter and cannot be reckoned with; ``ends`` of it, or of a number.

@@ -23,7 +23,7 @@ class Parameter:
     below: float | None = None
     at_most: float | None = None
     choices: tuple[str, ...] | None = None
-    camera: bool = False
+    shared: bool = False
     fidelity: bool = False
     reference: str = ""
     settings: tuple[Any, ...] = ()  # of a fidelity parameter, from the cheapest to the reference; none where they have no order

@@ -1,8 +1,7 @@
-"""The camera: quantities that several stages share, brought by distributions, declared once.
+"""Quantities that several stages share, brought by distributions, declared once.
 
-``quantity("f_number")`` is the field of a stage that uses it. In a pipeline file they stand under ``[camera]``:
-one value, however many stages use it. The ranges of those in ``data/quantities.toml`` reach beyond every camera by orders of
-magnitude, and end before a number of 32 bits does: what is within them plans and runs.
+``quantity("NAME")`` is the field of a stage that uses it. In a pipeline file they stand under one table (``contract.tables``): one value,
+however many stages use it.
 """
 
 from __future__ import annotations
@@ -19,15 +18,17 @@ from etendue.plugins import discovery
 
 @dataclasses.dataclass(frozen=True)
 class Quantity(Parameter):
-    """What a distribution says of a camera quantity: the words of ``param()``, its name as an axis, a default unless it must be given.
+    """What a distribution says of a shared quantity: the words of ``param()``, its name as an axis, a default unless it must be given.
 
+    ``scales``: a quantity whose every value it multiplies: a preset's value of the one does not fit a pipeline's own of the other.
     ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not count.
     """
 
-    camera: bool = True
+    shared: bool = True
     long_name: str = ""
     prefix: str = ""
     off: float | None = None
+    scales: str = ""
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
     def __post_init__(self) -> None:
@@ -41,7 +42,7 @@ class Quantity(Parameter):
 
 
 def quantity(name: str, doc: str = "") -> Any:
-    """The dataclass field of a shared camera quantity; ``doc`` says of a stage that takes some of its values which."""
+    """The dataclass field of a shared quantity; ``doc`` says of a stage that takes some of its values which."""
     found = declared(name)
     if doc:
         found = dataclasses.replace(found, doc=doc)
@@ -64,8 +65,8 @@ def declared(name: str) -> Quantity:
     brought = discovery.installed().first("quantities", name)
     if brought is None:
         hint = nearest(name, names()) or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
-        raise PluginError(f"there is no camera quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
-    return discovery.made_of(Quantity, f"the camera quantity {name!r}", brought)
+        raise PluginError(f"there is no shared quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
+    return discovery.made_of(Quantity, f"the shared quantity {name!r}", brought)
 
 
 def long_name(name: str) -> str:

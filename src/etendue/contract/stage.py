@@ -23,7 +23,7 @@ from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.names import unfit_variable
 from etendue.contract.parameter import Parameter
 from etendue.contract.variables import Declaration, parse_declaration
-from etendue.plugins.discovery import spectrum
+from etendue.plugins.discovery import table_file
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -171,8 +171,8 @@ def parameters_of(kind: type[Stage]) -> Mapping[str, tuple[Parameter, Any, Any]]
 
 @per_kind
 def quantities_of(kind: type[Stage]) -> Mapping[str, Parameter]:
-    """The camera quantities that a stage takes: arguments that may be given, swept, or written by an earlier stage."""
-    return {name: parameter for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+    """The shared quantities that a stage takes: arguments that may be given, swept, or written by an earlier stage."""
+    return {name: parameter for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared}
 
 
 @per_kind
@@ -220,8 +220,8 @@ def files_of(stage: Stage) -> dict[str, str]:
 
 
 def file_behind(value: str, parameter: Parameter) -> str:
-    """The file that a value stands for, as it is named; of a spectrum that a distribution brings its path; '' for what is no file."""
-    return value if parameter.file else spectrum(value) if parameter.table else ""
+    """The file that a value stands for, as it is named; of a table that a distribution brings its path; '' for what is no file."""
+    return value if parameter.file else table_file(value) if parameter.table else ""
 
 
 def file_state(path: str) -> tuple[int, int]:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import inspect
 import keyword
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from inspect import cleandoc
 from typing import Any
 
@@ -92,8 +90,8 @@ def files(one: Beginning) -> Mapping[str, str]:
 
 def _simplest() -> dict[str, str]:
     """Of roles with several built-in stages: the one whose arithmetic is read fastest."""
-    found: dict[str, str] = tomllib.loads(resources.files("etendue").joinpath("data", "beginnings.toml").read_text(encoding="utf-8"))
-    return found
+    found = discovery.installed()
+    return {role: str(brought.value) for role in found.names("beginnings") if (brought := found.first("beginnings", role))}
 
 
 def _by_role(registry: Registry) -> dict[str, list[str]]:
@@ -218,7 +216,7 @@ def _free(kind: Any) -> str:
 
 def _public(kind: Any) -> str:
     """Where a class may be imported from."""
-    return "etendue_camera.models" if kind.__module__.startswith("etendue.") else str(kind.__module__)
+    return str(kind.__module__)
 
 
 def _listed(word: str, ports: Mapping[str, Any]) -> str:

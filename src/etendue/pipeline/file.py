@@ -1,4 +1,4 @@
-"""A pipeline file: camera, stages, sweep, what is wanted. Text in, values and faults out; no stage is imported here.
+"""A pipeline file: shared quantities, stages, sweep, what is wanted. Text in, values and faults out; no stage is imported here.
 
 In:  TOML text (or the same as a mapping), overrides from the command line.
 Out: a ``Pipeline`` whose entries still hold values as written; ``plan.graph`` resolves them against the stages.
@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from etendue import plain_files
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
 from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
 from etendue.contract.names import LONGEST, unfit_stage
+from etendue.contract.tables import Table, table_in, tables
 from etendue.contract.units import as_written
 from etendue.errors import Fault, RequestError, nearest, unprintable
 from etendue.pipeline.about import About, read_about
@@ -51,9 +52,10 @@ class Pipeline(Source):
 
     name: str
     stages: tuple[StageEntry, ...]
-    camera: Mapping[str, Any] = field(default_factory=dict)
-    sensor: str = ""
-    preset: Mapping[str, Any] = field(default_factory=dict)  # what the sensor's name stands for, where ``camera`` says nothing
+    shared: Mapping[str, Any] = field(default_factory=dict)  # quantities that stages share
+    table: Table = field(default_factory=Table)  # where they stand in the file
+    preset_name: str = ""
+    preset: Mapping[str, Any] = field(default_factory=dict)  # what that name stands for, where ``shared`` says nothing
     sweep: Mapping[str, Any] = field(default_factory=dict)
     wanted: tuple[str, ...] | None = None
     keep: tuple[str, ...] | None = None  # None: all that is computed; LOOKS among them: what people look at
@@ -78,15 +80,20 @@ class Pipeline(Source):
     def written(self) -> Pipeline:
         return self
 
+    @property
+    def preset_swept(self) -> bool:
+        """Whether presets stand on an axis."""
+        return bool(self.table.preset) and self.table.preset in self.sweep
+
     def document(self) -> dict[str, Any]:
         """What a file would say that is read as this pipeline."""
-        lists, tables = ("wanted", "keep", "requires"), ("camera", "stages", "sweep", "about")
+        lists, tables = ("wanted", "keep", "requires"), ("stages", "sweep", "about")
         words = {word: getattr(self, word) for word in TOP if word not in (*lists, *tables)}
         names = {word: list(getattr(self, word)) for word in lists if getattr(self, word) is not None}
-        camera = {**({"sensor": self.sensor} if self.sensor else {}), **self.camera}
+        shared = {**({self.table.preset: self.preset_name} if self.preset_name else {}), **self.shared}
         origins = {one.name: {"from": dict(one.origin)} if one.origin else {} for one in self.stages}
         stages = [{"use": one.use, "name": one.name, **origins[one.name], **one.values} for one in self.stages]
-        return {**words, **names, "camera": camera, "sweep": dict(self.sweep), "about": self.about.document(), "stages": stages}
+        return {**words, **names, self.table.name: shared, "sweep": dict(self.sweep), "about": self.about.document(), "stages": stages}
 
     def located(self, faults: Iterable[Fault]) -> list[Fault]:
         """The same faults with their lines in the file, in the order in which they stand there."""
@@ -103,7 +110,7 @@ class Pipeline(Source):
 
 
 def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pipeline:
-    """Read a file and apply ``{"camera.f_number": "4", "sweep.f_number": [...]}`` on top of it.
+    """Read a file and apply ``{"TABLE.NAME": "4", "sweep.NAME": [...]}`` on top of it.
 
     Raises
     ------
@@ -192,7 +199,7 @@ _KEY = re.compile(r"""^\s*([\w\-]+(?:\s*\.\s*[\w\-]+)*|"[^"]*"|'[^']*')\s*=""")
 
 
 def _lines(text: str) -> dict[str, int]:
-    """Line numbers of tables and keys: ``stages[3]``, ``stages[3].strength``, ``camera.f_number``, ``seed``."""
+    """Line numbers of tables and keys: ``stages[3]``, ``stages[3].strength``, ``TABLE.NAME``, ``seed``."""
     found: dict[str, int] = {}
     table, stages, inside = "", 0, ""
     for number, line in enumerate(text.splitlines(), 1):
@@ -220,9 +227,12 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     """A pipeline from a document; what is wrong with its form stands in ``faults``, a document without bounds is refused."""
     refuse_large(document, file, {})
     faults: list[Fault] = []
+    table = table_in(document)
     for key in document:
-        if key not in TOP:
-            hint = f"; {key} is a camera quantity: set it under [camera]" if key in camera.names() else nearest(key, TOP)
+        if key not in (*TOP, table.name):
+            known = [*TOP, *tables()]
+            hint = f"; {key} is a shared quantity: set it under [{table.name}]" if key in quantities.names() else nearest(key, known)
+            hint = f"; quantities stand under [{table.name}] already" if key in tables() else hint
             faults.append(Fault(key, f"unknown key{hint}"))
 
     def text_of(key: str, default: str) -> str:
@@ -267,23 +277,21 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     norm = text_of("norm", "rms")
     if norm not in ("rms", "max"):
         faults.append(Fault("norm", f"{norm!r} is not a norm{nearest(norm, ('rms', 'max'))}; allowed are rms and max"))
-    tables = {}
-    for key in ("camera", "sweep"):
-        table = document.get(key, {})
-        if not isinstance(table, dict):
-            faults.append(Fault(key, f"expected a table, got {as_written(table)}"))
-            table = {}
-        tables[key] = table
-    tables["sweep"] = axes_of(document, faults)
-    sensor, values = _sensor(tables, faults)
+    for key in (table.name, "sweep"):
+        if not isinstance(document.get(key, {}), dict):
+            faults.append(Fault(key, f"expected a table, got {as_written(document[key])}"))
+    shared = document.get(table.name, {}) if isinstance(document.get(table.name, {}), dict) else {}
+    sweep = axes_of(document, faults)
+    named, values = _preset(table, shared, faults)
     stages, whole = _stages(document.get("stages"), faults)
     return Pipeline(
         name=text_of("name", Path(file).stem or "pipeline"),
         stages=stages,
-        camera=tables["camera"],
-        sensor=sensor,
+        shared={key: value for key, value in shared.items() if not table.preset or key != table.preset},
+        table=table,
+        preset_name=named,
         preset=values,
-        sweep=tables["sweep"],
+        sweep=sweep,
         wanted=names_of("wanted"),
         keep=names_of("keep"),
         seed=seed,
@@ -307,19 +315,18 @@ def _plain(name: str) -> bool:
     return bool(name) and len(name.encode()) <= LONGEST and name[0] not in ".-" and not set(name) & set("/\\") and not unprintable(name)
 
 
-def _sensor(tables: dict[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
-    """The sensor that ``[camera]`` names, and the values it stands for; the name itself is no camera quantity."""
-    name = tables["camera"].get("sensor", "")
-    tables["camera"] = {key: value for key, value in tables["camera"].items() if key != "sensor"}
+def _preset(table: Table, shared: Mapping[str, Any], faults: list[Fault]) -> tuple[str, dict[str, Any]]:
+    """The preset that a table names, and the values it stands for; the name itself is no quantity."""
+    name, place = shared.get(table.preset, "") if table.preset else "", table.place(table.preset)
     if not isinstance(name, str):
-        faults.append(Fault("camera.sensor", f"expected the name of a sensor, got {as_written(name)}"))
+        faults.append(Fault(place, f"expected the name of a {table.preset}, got {as_written(name)}"))
         return "", {}
     if not name:
         return "", {}
     try:
-        return name, preset(name).values()
+        return name, preset(name, table).values()
     except RequestError as error:
-        faults += [Fault("camera.sensor", fault.message) for fault in error.faults]
+        faults += [Fault(place, fault.message) for fault in error.faults]
         return "", {}
 
 

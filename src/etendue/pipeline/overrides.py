@@ -1,7 +1,7 @@
-"""What is put in the place of a file's words, and the names by which they are meant: ``f_number`` and ``camera.f_number`` are one.
+"""What is put in the place of a file's words, and the names by which they are meant: ``NAME`` and ``TABLE.NAME`` of a quantity are one.
 
-In:  a document of a pipeline, overrides such as ``{"f_number": 4, "sweep.camera.pixel_pitch": [2, 3]}``.
-Out: the document changed; overrides and axes by one name each: ``camera.NAME`` for a value, the bare name for an axis.
+In:  a document of a pipeline, overrides such as ``{"NAME": 4, "sweep.TABLE.NAME": [2, 3]}``.
+Out: the document changed; overrides and axes by one name each: ``TABLE.NAME`` for a value, the bare name for an axis.
 """
 
 from __future__ import annotations
@@ -9,20 +9,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
+from etendue.contract.tables import table_in, tables
 from etendue.errors import Fault, RequestError, nearest
 
 TOP = (
-    "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "camera", "stages", "sweep", "variant", "description",
+    "name", "seed", "tolerance", "norm", "leave_out", "precision", "wanted", "keep", "stages", "sweep", "variant", "description",
     "requires", "most_cells", "about",
 )  # fmt: skip
-CAMERA = "camera."
 
 
 def axis_name(key: str, document: Mapping[str, Any]) -> str:
-    """The name of an axis: a camera quantity's own, also where it is written ``camera.NAME``; a stage may be called camera."""
-    name = key.removeprefix(CAMERA)
-    return key if "camera" in _stages(document) and name not in _quantities(document) else name
+    """The name of an axis: a quantity's own, also where it is written ``TABLE.NAME``; a stage may be called as a table is."""
+    head, dot, name = key.partition(".")
+    if not dot or head not in tables() or (head in _stages(document) and name not in _quantities(document)):
+        return key
+    return name
 
 
 def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
@@ -32,7 +34,7 @@ def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> di
         if key.startswith("sweep."):
             key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
         elif "." not in key and key not in TOP and key in _quantities(document):
-            key = f"{CAMERA}{key}"
+            key = table_in(document).place(key)
         found.pop(key, None)
         found[key] = value
     return found
@@ -55,13 +57,17 @@ def axes_of(document: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
     for key, values in flat(document["sweep"]).items() if isinstance(document.get("sweep"), dict) else ():
         name = axis_name(key, document)
         if name in found:
-            faults.append(Fault(f"sweep.{key}", f"{name} and {CAMERA}{name} are one axis, and both are given; leave one of them out"))
+            faults.append(
+                Fault(
+                    f"sweep.{key}", f"{name} and {table_in(document).place(name)} are one axis, and both are given; leave one of them out"
+                )
+            )
         found[name] = values
     return found
 
 
 def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file: str = "") -> list[str]:
-    """Put ``camera.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
+    """Put ``TABLE.x``, ``sweep.axis``, ``<stage>.<parameter>`` or a top-level key into the document.
 
     Returns the places that now hold something else than the file.
     """
@@ -74,12 +80,15 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
     for key, value in by_one_name(overrides, document).items():
         head, _, tail = key.partition(".")
         named = _stages(document)
-        if head in ("camera", "sweep", "about") and tail:
+        if tail and head not in named and head in tables():
+            head = table_in(document).name
+            key = f"{head}.{tail}"
+        if head in (*tables(), "sweep", "about") and tail:
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, found later
             document[head][tail] = value
             places.append(key)
-            if head == "camera" and isinstance(document.get("sweep"), dict):
+            if head in tables() and isinstance(document.get("sweep"), dict):
                 document["sweep"].pop(tail, None)
         elif tail and head in named:
             number, table = named[head]
@@ -89,11 +98,11 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
             places.append(f"stages[{number}].{tail}")
             if isinstance(document.get("sweep"), dict):
                 document["sweep"].pop(key, None)
-        elif not tail and head in TOP:
+        elif not tail and head in (*TOP, *tables()):
             document[head] = value
             places.append(key)
         else:
-            valid = [*named, "camera", "sweep"] if tail else [*TOP, *_quantities(document)]
+            valid = [*named, *tables(), "sweep"] if tail else [*TOP, *_quantities(document)]
             called = next((name for name, (_, s) in named.items() if s.get("use") == head), "")
             hint = f"; the stage {head} is called {called!r} here: {called}.{tail}" if called and tail else nearest(head, valid)
             faults.append(Fault(f"--set {key}", f"there is no {head!r} to set{hint}"))
@@ -103,9 +112,10 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
 
 
 def _quantities(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """What may be said of the camera: what distributions declare, and what the document gives."""
-    given = document.get("camera")
-    return ("sensor", *camera.names(), *(given if isinstance(given, dict) else ()))
+    """What may stand in the table of shared quantities: what distributions declare, and what the document gives."""
+    table = table_in(document)
+    given = document.get(table.name)
+    return (*([table.preset] if table.preset else []), *quantities.names(), *(given if isinstance(given, dict) else ()))
 
 
 def _stages(document: Mapping[str, Any]) -> dict[str, tuple[int, dict[str, Any]]]:

@@ -1,6 +1,6 @@
 """The form of a pipeline file as a JSON Schema, so that editors complete and check it: stages and quantities of plugins included.
 
-In:  the registry, camera quantities.
+In:  the registry, shared quantities.
 Out: a schema of draft 7. What hangs on values of other keys (names of stages in a sweep, units, files) it cannot know: that is the plan's.
 """
 
@@ -10,11 +10,12 @@ from collections.abc import Mapping, Sequence
 from inspect import cleandoc
 from typing import Any, get_args, get_origin
 
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
 from etendue.contract.names import LONGEST
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of
+from etendue.contract.tables import Table, tables
 from etendue.errors import PluginError
 from etendue.pipeline.about import KEYS, OF_AN_AUTHOR
 from etendue.pipeline.presets import preset_names
@@ -38,9 +39,9 @@ def schema(registry: Registry) -> dict[str, Any]:
     """Of the whole file."""
     kinds = {name: kind for name in registry.names() if (kind := _loaded(registry, name)) is not None}
     every = [(name, *found) for kind in kinds.values() for name, found in parameters_of(kind).items()]
-    types = {name: of for name, parameter, of, _ in every if parameter.camera}
-    quantities = {name: _value(camera.declared(name), camera.declared(name).default, types.get(name)) for name in camera.names()}
-    own = {name: _value(parameter, default, of) for name, parameter, of, default in every if parameter.camera}
+    types = {name: of for name, parameter, of, _ in every if parameter.shared}
+    given = {name: _value(quantities.declared(name), quantities.declared(name).default, types.get(name)) for name in quantities.names()}
+    own = {name: _value(parameter, default, of) for name, parameter, of, default in every if parameter.shared}
     return {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": "a pipeline of etendue",
@@ -48,7 +49,7 @@ def schema(registry: Registry) -> dict[str, Any]:
         "properties": {
             "name": {"type": "string", "minLength": 1, "maxLength": LONGEST, "pattern": r"^[^/\\.\-\x00-\x1f\x7f][^/\\\x00-\x1f\x7f]*$"},
             "description": {"type": "string"},
-            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of noise; fixed patterns follow sensor_serial"},
+            "seed": {"type": "integer", "minimum": 0, "default": 0, "description": "of random numbers"},
             "tolerance": {
                 "type": "number", "minimum": 0, "exclusiveMaximum": 1, "default": 1e-4,
                 "description": "what each approximation or omission may add to its stage's output, relative to full scale",
@@ -65,16 +66,12 @@ def schema(registry: Registry) -> dict[str, Any]:
             "most_cells": {"type": "integer", "minimum": 1},
             "variant": {"type": "string"},
             "about": _about(),
-            "camera": {
-                "type": "object",
-                "properties": {"sensor": {"enum": list(preset_names()), "description": "values of a known sensor"}, **own, **quantities},
-                "additionalProperties": False,
-            },
+            **{name: _shared(table, {**own, **given}) for name, table in tables().items()},
             "sweep": {
                 "type": "object",
                 "properties": {
-                    "sensor": _sensors({**own, **quantities}),
-                    **{name: _axis(name, types.get(name)) for name in camera.names()},
+                    **{table.preset: _presets(table, {**own, **given}) for table in tables().values() if table.preset},
+                    **{name: _axis(name, types.get(name)) for name in quantities.names()},
                 },
                 "additionalProperties": {"anyOf": [_list({}), SPACED, {"type": "object", "additionalProperties": OF_A_STAGE}]},
             },
@@ -103,7 +100,7 @@ def _loaded(registry: Registry, name: str) -> Any:
 
 
 def _stage(name: str, kind: Any) -> dict[str, Any]:
-    own = {key: found for key, found in parameters_of(kind).items() if not found[0].camera}
+    own = {key: found for key, found in parameters_of(kind).items() if not found[0].shared}
     properties: dict[str, Any] = {
         "use": {"const": name, "description": cleandoc(kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")},
         "name": {"type": "string", "pattern": r"^\w+$", "description": "what it is called here; default: what it is"},
@@ -160,19 +157,25 @@ def _list(item: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _axis(name: str, kind: Any) -> dict[str, Any]:
-    declared = camera.declared(name)
+    declared = quantities.declared(name)
     values = _list(_form(declared, MISSING, kind)) | {"minItems": 1, "uniqueItems": True}
     return {"anyOf": [values, SPACED], "description": declared.long_name or declared.doc}
 
 
-def _sensors(quantities: Mapping[str, Any]) -> dict[str, Any]:
-    """The axis of sensors: names, or tables of camera quantities."""
-    name = {"enum": list(preset_names())}
-    table = {
-        "type": "object", "properties": {"sensor": name, "label": {"type": "string", "pattern": PLAIN}, **quantities},
-        "additionalProperties": False, "anyOf": [{"required": ["sensor"]}, {"required": ["label"]}],
+def _shared(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
+    """A table of shared quantities, with the word that names many of them at once."""
+    named = {"enum": list(preset_names(table)), "description": f"values of a known {table.preset}"}
+    return {"type": "object", "properties": {**({table.preset: named} if table.preset else {}), **given}, "additionalProperties": False}
+
+
+def _presets(table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The axis of presets: names, or tables of quantities."""
+    name = {"enum": list(preset_names(table))}
+    own = {
+        "type": "object", "properties": {table.preset: name, "label": {"type": "string", "pattern": PLAIN}, **given},
+        "additionalProperties": False, "anyOf": [{"required": [table.preset]}, {"required": ["label"]}],
     }  # fmt: skip
-    return _list({"anyOf": [name, table]}) | {"minItems": 1, "description": "sensors, each many camera quantities at once"}
+    return _list({"anyOf": [name, own]}) | {"minItems": 1, "description": f"{table.preset}s, each many shared quantities at once"}
 
 
 def _about() -> dict[str, Any]:

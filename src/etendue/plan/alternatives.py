@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from etendue.contract import quantities as standard_camera
+from etendue.contract import quantities
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import Stage, parameters_of, writes_of
@@ -71,18 +71,21 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
     if kind is None:
         return None
     declared = parameters_of(kind)
-    own = [name for name, (parameter, _, _) in declared.items() if not parameter.camera]
+    own = [name for name, (parameter, _, _) in declared.items() if not parameter.shared]
     values: dict[str, Any] = {}
     for name, value in written.items():
         if name not in declared:
             hint = nearest(name, own)
-            if name in standard_camera.names():
-                hint = f"; {name} is a camera quantity: set it under [camera]"
+            if name in quantities.names():
+                hint = f"; {name} is a shared quantity: set it under [{request.pipeline.table.name}]"
             else:
                 hint = hint or ("; see: etendue stages " + use if own else "; it has none of its own")
             request.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint}")
-        elif declared[name][0].camera:
-            request.fault(f"{place}.{name}", f"{name} is shared by several stages: set camera.{name} under [camera]")
+        elif declared[name][0].shared:
+            request.fault(
+                f"{place}.{name}",
+                f"{name} is shared by several stages: set {request.pipeline.table.place(name)} under [{request.pipeline.table.name}]",
+            )
         else:
             try:
                 values[name] = resolve(value, declared[name][0], declared[name][1], request.pipeline.folder)

@@ -71,7 +71,7 @@ def unchecked(kind: type[Stage], values: Mapping[str, Any]) -> Stage:
 def _needed_before(stage: Stage, method: str, name: str) -> PluginError:
     return PluginError(
         f"{_name(stage, method)} depends on {name}, which an earlier stage finds while the run goes on: what a grid depends on is known "
-        f"before; give {name} under [camera], behind no stage that writes it"
+        f"before; give {name} as a value, behind no stage that writes it"
     )
 
 

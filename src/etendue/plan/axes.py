@@ -1,6 +1,6 @@
 """The axes of a sweep, and which parameters of which stages each of them sets.
 
-In:  the pipeline's ``[sweep]``, the alternatives at every stage, the camera's quantities, the axes of swapped stages.
+In:  the pipeline's ``[sweep]``, the alternatives at every stage, shared quantities, the axes of swapped stages.
 Out: axes in the order of the file, and by stage the (dim, parameter) pairs that reach it directly.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from etendue.contract import quantities as standard_camera
+from etendue.contract import quantities
 from etendue.contract.parameter import Parameter
 from etendue.contract.stage import parameters_of
 from etendue.errors import nearest
@@ -17,7 +17,6 @@ from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, axis_values
 from etendue.plan.quantities import Quantities
 from etendue.plan.request import Request
-from etendue.plan.sensors import SENSOR
 
 
 class _Target(NamedTuple):
@@ -31,7 +30,7 @@ class _Target(NamedTuple):
 
 
 def resolve_axes(
-    request: Request, entries: Entries, camera: Quantities, swapped: list[Axis]
+    request: Request, entries: Entries, shared: Quantities, swapped: list[Axis]
 ) -> tuple[list[Axis], dict[str, list[tuple[str, str]]]]:
     """All axes, those of ``.use`` among them, and what each of the others sets."""
     direct: dict[str, list[tuple[str, str]]] = {}
@@ -41,14 +40,14 @@ def resolve_axes(
         if key in by_key:
             ordered.append(by_key[key])
             continue
-        if key == SENSOR:
-            if camera.sensors is not None:
-                ordered.append(camera.sensors)
-                for name in camera.sensors.gives:
+        if key == request.pipeline.table.preset:
+            if shared.presets is not None:
+                ordered.append(shared.presets)
+                for name in shared.presets.gives:
                     for user in users_of(name, entries):
-                        direct.setdefault(user, []).append((camera.sensors.dim, name))
+                        direct.setdefault(user, []).append((shared.presets.dim, name))
             continue
-        target = _parameter_of(request, key, entries, camera) if "." in key else _quantity_of(request, key, entries, camera)
+        target = _parameter_of(request, key, entries, shared) if "." in key else _quantity_of(request, key, entries, shared)
         if target is None:
             continue
         place = f"sweep.{key}"
@@ -68,7 +67,7 @@ def resolve_axes(
     return ordered, direct
 
 
-def _parameter_of(request: Request, key: str, entries: Entries, camera: Quantities) -> _Target | None:
+def _parameter_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
     """The parameter of a stage that ``stage.parameter`` names; None where nothing, or a fault, comes of it."""
     stage, _, name = key.partition(".")
     place = f"sweep.{key}"
@@ -79,33 +78,33 @@ def _parameter_of(request: Request, key: str, entries: Entries, camera: Quantiti
         return None
     holders = [one for one in entries[stage] if name in parameters_of(one.kind)]
     if not holders:
-        own = [n for n, (p, _, _) in parameters_of(entries[stage][0].kind).items() if not p.camera]
+        own = [n for n, (p, _, _) in parameters_of(entries[stage][0].kind).items() if not p.shared]
         request.fault(place, f"{stage} has no parameter {name!r}{nearest(name, own)}")
         return None
     parameter, kind, _ = parameters_of(holders[0].kind)[name]
-    if parameter.camera:
-        request.fault(place, f"{name} is a camera quantity: sweep it by its own name")
+    if parameter.shared:
+        request.fault(place, f"{name} is a shared quantity: sweep it by its own name")
         return None
     return _Target(parameter, kind, f"{stage}_{name}", name, [stage])
 
 
-def _quantity_of(request: Request, key: str, entries: Entries, camera: Quantities) -> _Target | None:
-    """The camera quantity that a bare name means; None where nothing, or a fault, comes of it."""
+def _quantity_of(request: Request, key: str, entries: Entries, shared: Quantities) -> _Target | None:
+    """The shared quantity that a bare name means; None where nothing, or a fault, comes of it."""
     place = f"sweep.{key}"
-    if key not in camera.declared:
+    if key not in shared.declared:
         if not request.whole:
             return None
-        if key in standard_camera.names():
+        if key in quantities.names():
             request.fault(place, "an axis of nothing: no stage of this pipeline depends on it; leave it out")
         else:
-            known = [*camera.declared, *(f"{s}.use" for s in entries)]
+            known = [*shared.declared, *(f"{s}.use" for s in entries)]
             request.fault(place, f"there is nothing named {key!r} to sweep{nearest(key, known)}")
         return None
-    one = camera.declared[key]
-    dim = f"camera_{key}" if key in camera.written else key  # the name of a variable is that variable's
+    one = shared.declared[key]
+    dim = f"{request.pipeline.table.name}_{key}" if key in shared.written else key  # the name of a variable is that variable's
     return _Target(one.parameter, one.kind, dim, key, users_of(key, entries))
 
 
 def users_of(quantity: str, entries: Entries) -> list[str]:
-    """The stages that take a camera quantity."""
+    """The stages that take a shared quantity."""
     return [stage for stage, made in entries.items() if any(quantity in parameters_of(one.kind) for one in made)]

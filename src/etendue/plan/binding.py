@@ -41,7 +41,7 @@ def link(
         mapped = _mapped(request, entry, made, inputs, nodes)
         looks_at = _looks(request, made, inputs, nodes)
         use_axis = swapped[entry.name].dim if entry.name in swapped else None
-        own_direct = tuple((dim, name) for dim, name in direct.get(entry.name, []) if _taken_from_camera(name, made, inputs))
+        own_direct = tuple((dim, name) for dim, name in direct.get(entry.name, []) if _taken_as_shared(name, made, inputs))
         own = {dim for dim, _ in own_direct} | ({use_axis} if use_axis else set())
         reach = own | _reach(inputs, looks_at, nodes)
         node = Node(
@@ -98,14 +98,14 @@ def _bind(request: Request, entry: StageEntry, one: Alternative, earlier: list[N
     return tuple(bound)
 
 
-def _taken_from_camera(name: str, made: tuple[Alternative, ...], inputs: tuple[Bound, ...]) -> bool:
+def _taken_as_shared(name: str, made: tuple[Alternative, ...], inputs: tuple[Bound, ...]) -> bool:
     """Whether a parameter of a stage is not written by an earlier one."""
     pairs = zip(made, inputs, strict=True)
     return any(name in parameters_of(one.kind) and name not in {port for port, _, _ in bound} for one, bound in pairs)
 
 
 def _found_by(name: str, earlier: list[Node]) -> Node | None:
-    """The last node that writes a camera quantity."""
+    """The last node that writes a shared quantity."""
     return next((n for n in reversed(earlier) if name in n.writes), None)
 
 

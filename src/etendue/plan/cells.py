@@ -108,8 +108,8 @@ class _Expansion:
         one = node.alternatives[number]
         values = dict(one.values)
         for name, (parameter, _, _) in parameters_of(one.kind).items():
-            if parameter.camera:
-                values[name] = self.graph.camera[name]
+            if parameter.shared:
+                values[name] = self.graph.shared[name]
         for dim, name in node.direct:
             if name in values:
                 values[name] = self.axes[dim].value(name, index[dim])

@@ -25,16 +25,16 @@ def drawn_of(plan: Plan, cell: Cell, name: str) -> Drawn | None:
 
 
 def quantity_axes(plan: Plan, node: Node, name: str) -> tuple[int, ...]:
-    """Which of a node's axes set a camera quantity on which it depends how a variable is drawn."""
+    """Which of a node's axes set a shared quantity on which it depends how a variable is drawn."""
     names = {variable(name).pattern, variable(name).black} - {""}
     axes = [plan.axis(dim) for dim in node.axes]
     return tuple(number for number, axis in enumerate(axes) if axis.key in names or names & axis.gives.keys())
 
 
 def _quantity(plan: Plan, cell: Cell, name: str) -> Any:
-    """A camera quantity as it is for a cell; None where it is swept along an axis that does not reach the cell."""
+    """A shared quantity as it is for a cell; None where it is swept along an axis that does not reach the cell."""
     axes = plan.node(cell.node).axes
-    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):  # its own axis before that of a sensor
+    for axis in sorted(plan.axes, key=lambda axis: axis.key != name):  # its own axis before that of presets
         if axis.key == name or name in axis.gives:
             return axis.value(name, cell.index[axes.index(axis.dim)]) if axis.dim in axes else None
-    return plan.camera.get(name)
+    return plan.shared.get(name)

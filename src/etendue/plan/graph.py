@@ -1,7 +1,7 @@
 """Pipeline and registry to a graph of nodes. Every fault of the file is gathered before anything is raised.
 
 In:  a ``Pipeline`` (values as written) and a ``Registry``.
-Out: nodes in order, axes, camera values, wanted and kept variables; or one ``RequestError`` with all faults.
+Out: nodes in order, axes, shared quantities, wanted and kept variables; or one ``RequestError`` with all faults.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from etendue.plan.axes import resolve_axes
 from etendue.plan.binding import link
 from etendue.plan.lacking import lacking
 from etendue.plan.model import Alternative, Axis, Node
-from etendue.plan.quantities import resolve_camera, to_be_found
+from etendue.plan.quantities import resolve_quantities, to_be_found
 from etendue.plan.request import Request
 from etendue.plan.swapped import fitted_to_overrides
 from etendue.plan.vocabulary import check_vocabulary
@@ -34,7 +34,7 @@ class Graph:
 
     nodes: tuple[Node, ...]
     axes: tuple[Axis, ...]
-    camera: dict[str, Any]
+    shared: dict[str, Any]
     wanted: tuple[tuple[str, str], ...]
     keep: tuple[str, ...] | None
     warnings: tuple[str, ...]
@@ -55,12 +55,12 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
             swapped[entry.name] = use_axis
         request.whole = request.whole and bool(entries[entry.name])
     check_vocabulary(request, entries)
-    camera = resolve_camera(request, entries)
-    axes, direct = resolve_axes(request, entries, camera, list(swapped.values()))
+    shared = resolve_quantities(request, entries)
+    axes, direct = resolve_axes(request, entries, shared, list(swapped.values()))
     nodes = link(request, entries, swapped, axes, direct)
     _check_axis_names(request, nodes, axes)
     _check_found(request, nodes, axes)
-    _try_values(request, nodes, axes, camera.values)
+    _try_values(request, nodes, axes, shared.values)
     wanted = _wanted_of(request, nodes)
     nodes = _as_asked(nodes, wanted)
     for text in pipeline.keep or ():
@@ -75,7 +75,7 @@ def build_graph(pipeline: Pipeline, registry: Registry) -> Graph:
         axes = [axis for axis in axes if axis.dim in reached]
     if request.faults:
         raise RequestError(request.faults, pipeline.file)
-    return Graph(tuple(nodes), tuple(axes), camera.values, wanted, pipeline.keep, tuple(request.warnings))
+    return Graph(tuple(nodes), tuple(axes), shared.values, wanted, pipeline.keep, tuple(request.warnings))
 
 
 def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> frozenset[tuple[str, str]]:
@@ -112,16 +112,16 @@ def _check_found(request: Request, nodes: list[Node], axes: list[Axis]) -> None:
             continue
         if any(axis.key == name for axis in axes):
             request.fault(f"sweep.{name}", f"{finder!r} writes {name} for every stage that takes it; leave the axis out, or {finder!r}")
-        elif name in request.pipeline.camera:
-            request.warnings.append(f"camera.{name} is not used: {finder!r} finds it")
+        elif name in request.pipeline.shared:
+            request.warnings.append(f"{request.pipeline.table.place(name)} is not used: {finder!r} finds it")
 
 
-def _try_values(request: Request, nodes: list[Node], axes: list[Axis], camera: Mapping[str, Any]) -> None:
+def _try_values(request: Request, nodes: list[Node], axes: list[Axis], given: Mapping[str, Any]) -> None:
     """What a stage itself refuses about its values, for every stage at once; swept ones at their first value."""
     first = {axis.dim: axis for axis in axes if axis.values}
     for node in nodes:
         for one in node.alternatives:
-            shared = {name: camera.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.camera}
+            shared = {name: given.get(name) for name, (p, _, _) in parameters_of(one.kind).items() if p.shared}
             swept = {name: first[dim].value(name, 0) for dim, name in node.direct if dim in first and name in parameters_of(one.kind)}
             found = {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found if name in quantities_of(one.kind)}
             values = {**shared, **one.values, **swept, **found}

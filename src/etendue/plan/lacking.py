@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -18,15 +17,17 @@ from etendue.contract.registry import Registry
 from etendue.contract.units import as_written
 from etendue.errors import Fault
 from etendue.pipeline.file import Pipeline
+from etendue.plugins import discovery
 
-KNOWN = Path(__file__).parents[1] / "data" / "plugins.toml"
 _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._\-]*[A-Za-z0-9])?")
 
 
 @cache
 def known_plugins() -> dict[str, str]:
     """The distribution of every stage that comes with a known one."""
-    return {stage: name for name, entry in tomllib.loads(KNOWN.read_text("utf-8")).items() for stage in entry["stages"]}
+    found = discovery.installed()
+    brought = ((name, found.first("elsewhere", name)) for name in found.names("elsewhere"))
+    return {stage: name for name, one in brought if one is not None for stage in one.value["stages"]}
 
 
 def lacking(pipeline: Pipeline, registry: Registry) -> list[Fault]:
@@ -34,7 +35,7 @@ def lacking(pipeline: Pipeline, registry: Registry) -> list[Fault]:
     faults, named = [], dict[str, str]()
     for name in pipeline.requires:
         if not _NAME.fullmatch(name):
-            faults.append(Fault("requires", f"expected the name of a distribution, such as etendue-lens-optiland, got {as_written(name)}"))
+            faults.append(Fault("requires", f"expected the name of a distribution, got {as_written(name)}"))
         else:
             named.setdefault(name, "requires")
     used: dict[str, list[str]] = {}

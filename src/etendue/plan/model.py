@@ -61,7 +61,7 @@ class Node:
     alternatives: tuple[Alternative, ...]
     direct: tuple[tuple[str, str], ...]  # (axis dim, parameter) set by an axis
     use_axis: str | None  # dim of the axis that swaps this stage
-    inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port or camera quantity, node, variable); ports first
+    inputs: tuple[tuple[tuple[str, str, str], ...], ...]  # per alternative: (port or shared quantity, node, variable); ports first
     looks_at: tuple[tuple[str, str, tuple[str, ...]], ...]  # (port, 'transfer' or variable, nodes in order)
     writes: Mapping[str, Declaration]
     axes: tuple[str, ...]
@@ -71,7 +71,7 @@ class Node:
 
     @property
     def found(self) -> dict[str, str]:
-        """Camera quantities that earlier stages write, and which stages those are."""
+        """Shared quantities that earlier stages write, and which stages those are."""
         pairs = zip(self.alternatives, self.inputs, strict=True)
         return {name: source for one, bound in pairs for name, source, _ in bound if name in quantities_of(one.kind)}
 
@@ -129,7 +129,7 @@ class Cell:
     ref: CellRef
     stage: Stage
     use: str
-    inputs: tuple[tuple[str, CellRef, str], ...]  # (port or camera quantity, cell, variable); ports first
+    inputs: tuple[tuple[str, CellRef, str], ...]  # (port or shared quantity, cell, variable); ports first
     looks_at: tuple[tuple[str, tuple[CellRef, ...]], ...]
     key: str
     versions: Mapping[str, str]  # of the libraries that stand in its key
@@ -154,7 +154,7 @@ class Cell:
 
     @property
     def found(self) -> tuple[tuple[str, CellRef, str], ...]:
-        """Of its inputs the camera quantities."""
+        """The inputs that are shared quantities."""
         quantities = quantities_of(type(self.stage))
         return tuple(one for one in self.inputs if one[0] in quantities)
 
@@ -231,7 +231,7 @@ class Plan:
     wanted: tuple[tuple[str, str], ...]  # (node, variable)
     kept: frozenset[tuple[str, str]]
     precision: str
-    camera: Mapping[str, Any]
+    shared: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
     leaves_out: bool = True  # whether anything may be left out or approximated
     looked: float = 0.0  # seconds of looking at scenes that were never planned before

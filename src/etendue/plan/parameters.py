@@ -18,7 +18,7 @@ from etendue import plain_files
 from etendue.contract.parameter import Parameter
 from etendue.contract.units import UnitError, as_written, to_unit
 from etendue.errors import nearest, unprintable
-from etendue.plugins.hookspecs import SPECTRA
+from etendue.plugins.discovery import is_table_file
 
 SMALLEST, LARGEST = 1e-30, 1e30  # sizes of numbers: their products fit 64 bits
 MOST_STEPS = 100_000
@@ -152,7 +152,7 @@ def resolve(value: Any, parameter: Parameter, kind: Any, folder: Path) -> Any:
         raise Unfit(f"{as_written(value)} holds control characters")
     if parameter.choices and value not in parameter.choices:
         raise Unfit(f"{value!r} is not allowed{nearest(value, parameter.choices)}")
-    if value and (parameter.file or (parameter.table and value.endswith(SPECTRA))):
+    if value and (parameter.file or (parameter.table and is_table_file(value))):
         return str(resolve_file(value, folder, parameter.folder))
     return value
 

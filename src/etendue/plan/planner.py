@@ -87,7 +87,7 @@ def make_plan(
         wanted=graph.wanted,
         kept=kept,
         precision=precision,
-        camera=graph.camera,
+        shared=graph.shared,
         leaves_out=leave_out_allowed,
         looked=looked,
         expected=expected,

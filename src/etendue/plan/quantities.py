@@ -1,6 +1,6 @@
-"""Camera quantities: what the stages of a pipeline share, given under ``[camera]`` or by the sensor's preset.
+"""What the stages of a pipeline share, given in one table of its file or by the preset that it names.
 
-In:  the alternatives at every stage, the pipeline's camera and preset.
+In:  the alternatives at every stage, the pipeline's shared quantities and preset.
 Out: ``Quantities``: declared by whom, with which value, written by a stage or not.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from etendue.contract import quantities as standard_camera
+from etendue.contract import quantities
 from etendue.contract.found import Found
 from etendue.contract.parameter import MISSING, Parameter
 from etendue.contract.stage import parameters_of, writes_of
@@ -20,12 +20,12 @@ from etendue.errors import nearest
 from etendue.plan.alternatives import Entries, meaning
 from etendue.plan.model import Axis
 from etendue.plan.parameters import Unfit, resolve
+from etendue.plan.presets import preset_axis
 from etendue.plan.request import Request
-from etendue.plan.sensors import SENSOR, sensor_axis
 
 
 class Declared(NamedTuple):
-    """A camera quantity as the first stage that takes it declares it."""
+    """A shared quantity as the first stage that takes it declares it."""
 
     parameter: Parameter
     kind: Any
@@ -35,20 +35,20 @@ class Declared(NamedTuple):
 
 @dataclass(frozen=True)
 class Quantities:
-    """The camera of a pipeline."""
+    """All that the stages of a pipeline share."""
 
     declared: Mapping[str, Declared]
     values: dict[str, Any]  # None where a required one is lacking, or swept
     written: frozenset[str]  # those that a stage of the pipeline writes
-    sensors: Axis | None = None  # where the sensor is swept
+    presets: Axis | None = None  # where the preset is swept
 
 
-def resolve_camera(request: Request, entries: Entries) -> Quantities:
-    """The camera's values, for all stages at once."""
+def resolve_quantities(request: Request, entries: Entries) -> Quantities:
+    """The values of shared quantities, for all stages at once."""
     declared = _declared_by(request, entries)
     written = frozenset(d.variable for made in entries.values() for one in made for d in writes_of(one.kind).values())
-    axis = sensor_axis(request, declared)
-    settled = set(axis.gives if axis else declared if SENSOR in request.pipeline.sweep else ())
+    axis = preset_axis(request, declared)
+    settled = set(axis.gives if axis else declared if request.pipeline.preset_swept else ())
     return Quantities(declared, _values_of(request, declared, written, settled), written, axis)
 
 
@@ -65,45 +65,47 @@ def _declared_by(request: Request, entries: Entries) -> dict[str, Declared]:
     for alternatives in entries.values():
         for one in alternatives:
             for name, (parameter, kind, default) in parameters_of(one.kind).items():
-                if not parameter.camera:
+                if not parameter.shared:
                     continue
                 first = declared.setdefault(name, Declared(parameter, kind, default, one.use))
                 if first.parameter.units != parameter.units:
                     request.fault(
-                        f"camera.{name}",
+                        request.pipeline.table.place(name),
                         f"{one.use} takes it in {parameter.units}, but {first.use} in {first.parameter.units}",
                     )
     return declared
 
 
-def _values_of(request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_sensor: set[str]) -> dict[str, Any]:
+def _values_of(request: Request, declared: Mapping[str, Declared], written: frozenset[str], by_preset: set[str]) -> dict[str, Any]:
     pipeline = request.pipeline
     values: dict[str, Any] = {}
-    given = {**({} if SENSOR in pipeline.sweep else pipeline.preset), **pipeline.camera}
-    swept = {*pipeline.sweep, *by_sensor}
+    given = {**({} if pipeline.preset_swept else pipeline.preset), **pipeline.shared}
+    place, named = pipeline.table.place, pipeline.table.preset
+    swept = {*pipeline.sweep, *by_preset}
     for name, value in given.items():
         if name not in declared:
-            if name not in pipeline.camera:
-                continue  # a sensor has more sides than a pipeline may ask for
-            if name in standard_camera.names():
-                request.warnings.append(f"camera.{name} is not used by any stage of this pipeline")
+            if name not in pipeline.shared:
+                continue  # a preset has more sides than a pipeline may ask for
+            if name in quantities.names():
+                request.warnings.append(f"{place(name)} is not used by any stage of this pipeline")
             else:
-                known = ["sensor", *declared, *standard_camera.names()]
-                request.fault(f"camera.{name}", f"unknown camera quantity{nearest(name, known)}")
+                known = [*([named] if named else []), *declared, *quantities.names()]
+                request.fault(place(name), f"unknown quantity{nearest(name, known)}")
             continue
         try:
             values[name] = resolve(value, declared[name].parameter, declared[name].kind, pipeline.folder)
         except Unfit as error:
-            request.fault(f"camera.{name}", str(error))
-    if {"peak_qe", "sensitivity"} <= declared.keys() and "peak_qe" in pipeline.preset and "sensitivity" in pipeline.camera:
-        if not {"peak_qe", SENSOR} & {*pipeline.camera, *swept}:
+            request.fault(place(name), str(error))
+    for name in declared.keys() & pipeline.preset.keys() - {*pipeline.shared, *swept}:
+        other = quantities.declared(name).scales if name in quantities.names() else ""
+        if other in declared.keys() & pipeline.shared.keys() and named not in swept:
             request.warnings.append(
-                f"camera.peak_qe = {as_written(pipeline.preset['peak_qe'])} is that of the sensor {pipeline.sensor}, while sensitivity is "
-                "given: every column of it is scaled to that; give peak_qe too"
+                f"{place(name)} = {as_written(pipeline.preset[name])} is that of the {named} {pipeline.preset_name}, while {other} is "
+                f"given: every column of it is scaled to that; give {name} too"
             )
     for name, one in declared.items():
         if name not in given:
             if one.default is MISSING and name not in swept and name not in written:
-                request.fault(f"camera.{name}", f"{one.use} needs it under [camera]: {meaning(one.parameter)}")
+                request.fault(place(name), f"{one.use} needs it under [{pipeline.table.name}]: {meaning(one.parameter)}")
             values[name] = None if one.default is MISSING else one.default
     return values

@@ -20,7 +20,7 @@ Place = Callable[[tuple[int, ...]], tuple[int, ...]]  # the position of one cell
 class Reading(NamedTuple):
     """Where an alternative of a node finds what it reads."""
 
-    inputs: tuple[tuple[str, str, str, Place], ...]  # port or camera quantity, node, variable, where
+    inputs: tuple[tuple[str, str, str, Place], ...]  # port or shared quantity, node, variable, where
     looks_at: tuple[tuple[str, tuple[tuple[str, Place], ...]], ...]
     ports: frozenset[str]
     quantities: frozenset[str]

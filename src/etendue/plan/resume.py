@@ -12,10 +12,10 @@ from typing import Any
 
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import looks_at_stages
+from etendue.contract.tables import preset_keys
 from etendue.errors import RequestError
 from etendue.plan import planner
 from etendue.plan.model import CellRef, Plan
-from etendue.plan.sensors import SENSOR
 
 
 @dataclass
@@ -103,8 +103,8 @@ def _over(plan: Plan, extra: Mapping[str, list[Any]], stored: Mapping[str, Mappi
 
 
 def is_of_names(key: str) -> bool:
-    """Whether the values of an axis are names, of stages or sensors: their tables say what they stand for."""
-    return key.endswith(".use") or key == SENSOR
+    """Whether the values of an axis are names, of stages or presets: their tables say what they stand for."""
+    return key.endswith(".use") or key in preset_keys()
 
 
 def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
@@ -112,7 +112,11 @@ def _table(key: str, label: Any, sweeps: Sequence[Mapping[str, Any]]) -> Any:
     for sweep in sweeps:
         values = sweep.get(key)
         for one in values if isinstance(values, list) else ():
-            if label == (one.get("label", one.get("use", one.get("sensor"))) if isinstance(one, dict) else one):
+            if label == (
+                one.get("label", one.get("use", next((one[key] for key in preset_keys() if key in one), None)))
+                if isinstance(one, dict)
+                else one
+            ):
                 return one
     return None
 

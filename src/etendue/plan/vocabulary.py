@@ -20,11 +20,11 @@ def check_vocabulary(request: Request, entries: Entries) -> None:
     written: dict[str, str] = {}
     for stage, alternatives in entries.items():
         for one in alternatives:
-            quantities |= {name: one.use for name, (p, _, _) in parameters_of(one.kind).items() if p.camera and name not in quantities}
+            quantities |= {name: one.use for name, (p, _, _) in parameters_of(one.kind).items() if p.shared and name not in quantities}
             written |= {d.variable: stage for d in writes_of(one.kind).values() if d.variable not in written}
     for name, use in quantities.items():
         if clash := discovery.installed().clash("quantities", name):
-            request.fault(f"camera.{name}", f"{use} takes it, and it is {clash}")
+            request.fault(request.pipeline.table.place(name), f"{use} takes it, and it is {clash}")
     for name, stage in written.items():
         try:
             variable(name)

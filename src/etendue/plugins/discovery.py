@@ -1,4 +1,4 @@
-"""What installed distributions bring: stages, variables, camera quantities, sensors, roles and spectra by name.
+"""What installed distributions bring, by name: stages, variables, shared quantities, roles, and vocabularies of their own.
 
 In:  entry points of the group ``etendue``, one manifest module per distribution, asked through pluggy's hooks (``hookspecs``).
 Out: what stands under a name and who brought it. A manifest that is broken brings nothing, and says why to whoever misses it.
@@ -90,6 +90,7 @@ class Discovery:
         self._lock = threading.Lock()
         self._answers: dict[tuple[str, str, str], dict[str, Brought]] = {}
         self._broken: dict[tuple[str, str, str], str] = {}
+        self._declared: set[str] = set()  # vocabularies of manifests that have been read
 
     def first(self, what: str, name: str) -> Brought | None:
         """What stands under a name, without a look at those who might bring it too."""
@@ -158,7 +159,7 @@ class Discovery:
                 with self._lock:
                     if not self._manager.is_registered(module):
                         self._manager.register(module, plugin)
-                        self._manager.check_pending()
+                        self._refuse_unknown(module)
         except PluginError as error:
             if module is not None and self._manager.is_registered(module):
                 self._manager.unregister(module)
@@ -170,10 +171,22 @@ class Discovery:
         found: ModuleType = module
         return found
 
+    def _refuse_unknown(self, module: ModuleType) -> None:
+        """Raise where a manifest answers to a hook that nobody has."""
+        own = getattr(module, "etendue_vocabularies", None)
+        self._declared |= set(own() or ()) if callable(own) else set()
+        for name in vars(module):
+            word = name.removeprefix("etendue_")
+            known = (*HOOKS, *self._declared)
+            if word != name and word not in known and self._manager.parse_hookimpl_opts(module, name) is not None:
+                raise ValueError(f"unknown hook {name!r}{nearest(name, [f'etendue_{one}' for one in known])}")
+
     def _asked(self, module: ModuleType, what: str, distribution: str, version: str) -> dict[str, Brought]:
         others = self._manager.get_plugins() - {module}
         hook = f"etendue_{what}"
         origin = f"{distribution} {version}"
+        if not hasattr(self._manager.hook, hook):  # of a vocabulary that nobody has filled
+            return {}
         with foreign(f"{origin}: its {hook} breaks off", "" if distribution == OWN else f"{hook} of {origin}"):
             answers = self._manager.subset_hook_caller(hook, others)()
         for answer in answers:
@@ -213,25 +226,52 @@ def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
         raise PluginError(f"{what} of {brought.origin} cannot be read: {error}") from error
 
 
-def spectrum(name: str) -> str:
-    """The path of the CSV or SPDX file behind the name of a table, or of a path of one; '' for a table of colour-science, and for no table.
+@dataclass(frozen=True)
+class Vocabulary:
+    """``word``: what one of its names is called; ``endings``: of its files, where its names stand for tables; ``library``: in the place of
+    a path, a table that a library has."""
+
+    word: str
+    endings: tuple[str, ...] = ()
+    library: str = ""
+
+
+@cache
+def table_vocabularies() -> dict[str, Vocabulary]:
+    """Those whose names stand for tables in files."""
+    found = installed()
+    every = {name: brought for name in found.names("vocabularies") if (brought := found.first("vocabularies", name))}
+    made = {name: made_of(Vocabulary, f"the vocabulary {name!r}", brought) for name, brought in every.items()}
+    return {name: one for name, one in made.items() if one.endings}
+
+
+def is_table_file(text: str) -> bool:
+    """Whether a text is the path of a file with a table."""
+    return any(text.endswith(tuple(one.endings)) for one in table_vocabularies().values()) or text.endswith(".csv")
+
+
+def table_file(name: str) -> str:
+    """The path of the file behind the name of a table, or of a path of one; '' for a table of a library, and for no table.
 
     Raises
     ------
     ValueError
         Two distributions bring it, or one does without the file.
     """
-    if name.endswith(hookspecs.SPECTRA):
+    if is_table_file(name):
         return name
-    brought = installed().all("spectra", name)
-    if not brought or brought[0].value == hookspecs.LIBRARY == brought[-1].value:
-        return ""
-    if clash := installed().clash("spectra", name):
-        raise ValueError(f"the spectrum {name!r} is {clash}")
-    try:
-        path = os.fspath(brought[0].value)
-    except TypeError:
-        path = ""
-    if not path.endswith(hookspecs.SPECTRA) or not os.path.isfile(path):
-        raise ValueError(f"the spectrum {name!r} of {brought[0].origin} has no CSV or SPDX file: {brought[0].value!r}")
-    return str(path)
+    for which, vocabulary in table_vocabularies().items():
+        brought = installed().all(which, name)
+        if not brought or brought[0].value == vocabulary.library == brought[-1].value:
+            continue
+        if clash := installed().clash(which, name):
+            raise ValueError(f"the {vocabulary.word} {name!r} is {clash}")
+        try:
+            path = os.fspath(brought[0].value)
+        except TypeError:
+            path = ""
+        if not path.endswith(tuple(vocabulary.endings)) or not os.path.isfile(path):
+            kinds = " or ".join(ending.removeprefix(".").upper() for ending in vocabulary.endings)
+            raise ValueError(f"the {vocabulary.word} {name!r} of {brought[0].origin} has no {kinds} file: {brought[0].value!r}")
+        return str(path)
+    return ""

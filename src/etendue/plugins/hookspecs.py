@@ -1,7 +1,7 @@
 """What a distribution may bring: one hook for each vocabulary, in one small manifest module, named by one entry point.
 
     [project.entry-points.etendue]
-    my-camera = "my_camera.manifest"
+    my-film = "my_film.manifest"
 
 The manifest is imported whenever anything is looked up, so it imports little; stages are named as text and imported when they are
 used. Every hook gives a mapping by name. Two distributions that give one name are a fault of the pipeline that uses it.
@@ -10,15 +10,12 @@ used. Every hook gives a mapping by name. Two distributions that give one name a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from os import PathLike
 from typing import Any
 
 import pluggy
 
 PROJECT = "etendue"
 GROUP = "etendue"
-SPECTRA = (".csv", ".spdx")  # endings of files with tables by wavelength
-LIBRARY = "colour-science"  # in place of a path: a table of this library
 FORMER_GROUP = "etendue.stages"  # one entry point per stage: no longer read
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
@@ -28,7 +25,7 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
     """Stages: where their class stands, or the class itself.
 
-    {"vignette": "my_camera.stages:Vignette"}
+    {"halation": "my_film.stages:Halation"}
     """
 
 
@@ -36,23 +33,15 @@ def etendue_stages() -> Mapping[str, str | type]:  # type: ignore[empty-body]
 def etendue_variables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
     """Variables that stages write: meaning, unit, and how a contact sheet shows them (``spec.variables.Variable``).
 
-    {"halo": {"long_name": "light scattered by the film's base", "units": "W m-2 nm-1", "shown": "linear"}}
+    {"halo": {"long_name": "light scattered by the film's base", "shown": "linear"}}
     """
 
 
 @hookspec
 def etendue_quantities() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
-    """Camera quantities, shared by stages under ``[camera]``: the words of ``param()``, and a default unless it must be given.
+    """Quantities that stages share, under one table of a pipeline file: the words of ``param()``, and a default unless it must be given.
 
     {"film_thickness": {"default": 120.0, "units": "um", "above": 0, "doc": "of the film's base"}}
-    """
-
-
-@hookspec
-def etendue_sensors() -> Mapping[str, Mapping[str, Any] | str | PathLike[str]]:  # type: ignore[empty-body]
-    """Sensors that ``[camera] sensor`` may name: the path of a TOML file as in ``etendue/data/sensors``, or the same as a mapping.
-
-    {"my-film": Path(__file__).parent / "my_film.toml"}
     """
 
 
@@ -65,10 +54,10 @@ def etendue_roles() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 
 @hookspec
-def etendue_spectra() -> Mapping[str, str | PathLike[str]]:  # type: ignore[empty-body]
-    """Tables by wavelength, usable wherever the name or the path of one is: the path of a CSV (``wavelength_nm,a,b,...``) or SPDX file.
+def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Further hooks, which a domain has for itself and whoever builds upon it: each gives a mapping by name (``discovery.Vocabulary``).
 
-    {"my tungsten": Path(__file__).parent / "tungsten.csv"}
+    {"stocks": {"word": "film stock"}}: others bring ``etendue_stocks()``
     """
 
 
@@ -90,8 +79,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and
-    ``why`` where there are none.
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` there are
+    none.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -103,6 +92,38 @@ def etendue_seen() -> Mapping[str, str]:  # type: ignore[empty-body]
     linear sRGB, or None for the first three as they are; for ``pattern`` a function of its text that gives rows and colours by letter.
 
     {"layer": "my_film.seen:of_layers"}
+    """
+
+
+@hookspec
+def etendue_tables() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """The name of the table under which shared quantities stand, and how sets of values are named in it (``contract.tables.Table``).
+
+    {"film": {"preset": "stock", "presets": "stocks"}}: ``[film] stock = "NAME"``, brought by ``etendue_stocks()``, a file or mapping each
+    """
+
+
+@hookspec
+def etendue_templates() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Commented pipelines to begin with, for ``etendue new`` (``pipeline.beginning.Template``).
+
+    {"film": {"path": Path(__file__).parent / "film.toml", "keep": {"all": "everything"}}}
+    """
+
+
+@hookspec
+def etendue_beginnings() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """By role, the stage that ``etendue new-plugin`` begins as: the one whose arithmetic is read fastest.
+
+    {"halation": "halation_gaussian"}
+    """
+
+
+@hookspec
+def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Stages that other distributions bring: named where a pipeline uses them and they are not installed.
+
+    {"my-film-scanner": {"stages": ["scanner_glare"]}}
     """
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
 from etendue.contract.capabilities import is_source
 from etendue.contract.facts import Facts
 from etendue.contract.parameter import MISSING, Parameter
@@ -183,9 +183,9 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
             resolve(value, parameter, kind, Path.cwd())
         except Unfit as error:
             raise LawBroken(f"{place}: its own setting {value!r} is refused: {error}") from None
-    if parameter.camera and name in camera.names():
+    if parameter.shared and name in quantities.names():
         shared = standard_quantity(name)
-        hold(shared.units == parameter.units, f"{place} is in {parameter.units}, the camera's {name} in {shared.units}; use quantity()")
+        hold(shared.units == parameter.units, f"{place} is in {parameter.units}, the shared {name} in {shared.units}; use quantity()")
     folder = Path.cwd()
     if default is not MISSING and not parameter.file and default != "":
         try:
@@ -202,7 +202,7 @@ def check_parameter(place: str, name: str, parameter: Parameter, kind: Any, defa
 
 
 def standard_quantity(name: str) -> Parameter:
-    return camera.quantity(name).metadata["parameter"]
+    return quantities.quantity(name).metadata["parameter"]
 
 
 def values_outside(parameter: Parameter, kind: Any) -> Iterator[Any]:

@@ -41,7 +41,6 @@ from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.plan.reports import Reports
 from etendue.plan.resume import is_of_names, with_stored_values
-from etendue.plan.sensors import SENSOR
 from etendue.present.terminal import tables
 
 NOT_DONE = ("failed", "skipped", "not_computed")
@@ -193,8 +192,8 @@ def record_again(
         made["resolved"] = resolved.text
     if given is None or not _same_words(resolve_pipeline(given).text, run.text):
         made["text"] = "what makes the resolved pipeline, with the overrides"
-    elif SENSOR in asked.pipeline.sweep:  # what was named beside it is not resolved: none of it counts
-        made["sensor"] = given.pipeline.sensor
+    elif asked.pipeline.preset_swept:  # what was named beside it is not resolved: none of it counts
+        made["preset"] = given.pipeline.preset_name
     return made, {a.key: set(map(str, a.values)) for a in asked.axes}
 
 

@@ -26,7 +26,7 @@ def sensor_document(name: str) -> dict[str, Any]:
     return {
         "name": name, "distribution": found.distribution, "version": found.version,
         "title": found.title, "kind": found.kind, "description": found.description,
-        "camera": {key: _sourced(value) for key, value in found.camera.items()},
+        "camera": {key: _sourced(value) for key, value in found.shared.items()},
         "facts": {key: _sourced(value) for key, value in found.facts.items()},
     }  # fmt: skip
 

@@ -59,6 +59,11 @@ class Measurement:
     dark_mean: NDArray
     dark_variance: NDArray
 
+    @property
+    def hidden(self) -> bool:
+        """Whether rounding hides the noise of the dark: means of dark frames then stand nearer to whole numbers than they should."""
+        return bool(self.dark_variance.min() < LEAST_DARK_VARIANCE)
+
 
 @dataclass(frozen=True)
 class _Levels:

@@ -184,7 +184,7 @@ class Shelf:
                 return frame.labels[dim]
         nodes = self.record["nodes"]
         own = [nodes.get(frame.group.stage, {}), *nodes.values()]
-        for shown in [own[0].get("shown", {}), self.record["camera"], *(node["shown"] for node in own[1:])]:
+        for shown in [own[0].get("shown", {}), self.record["shared"], *(node["shown"] for node in own[1:])]:
             if shown.get(name) is not None:
                 return float(shown[name]) if shown[name] in ("inf", "nan") else shown[name]
         return default

@@ -109,7 +109,7 @@ def edge_resolution(
         The pixels to use; see `slanted_edge`.
     written : function or None
         Of a picture and a Generator: the picture as the file gives it back that it was kept in, each time at another place of its
-        blocks and between its numbers. The interval is then at least what `edge_rewritten` says of it.
+        blocks and between its numbers. The interval is then made of both, as `edge_rewritten` says.
 
     Returns
     -------
@@ -158,8 +158,8 @@ def edge_resolution(
     low10, high10 = _between(ten, confidence)
     again = None if written is None else _written(found, written, tails, response, generator)
     if again is not None:
-        low, high = _reaching(response.mtf50, low, high, again[0].reach(confidence))
-        low10, high10 = _reaching(response.mtf10, low10, high10, again[1].reach(confidence))
+        low, high = again[0].about(response.mtf50, low, high, confidence)
+        low10, high10 = again[1].about(response.mtf10, low10, high10, confidence)
     reached = fifty[np.isfinite(fifty)]
     used = image if mask is None else image[mask]
     clipped = limits is not None and float(np.mean((used <= limits[0]) | (used >= limits[1]))) > CLIPPED
@@ -193,13 +193,6 @@ def _written(
     own = np.array([response.mtf50, response.mtf10])
     fifty, ten = rewritten(found, written, tails, own, crossings, generator)
     return fifty, ten
-
-
-def _reaching(value: float, low: float, high: float, reach: float) -> tuple[float, float]:
-    """An interval that goes so far at least, of the value."""
-    if not (math.isfinite(value) and math.isfinite(reach)):
-        return low, high if math.isfinite(reach) else math.inf
-    return min(low, max(value * (1 - reach), 0.0)), max(high, value * (1 + reach))
 
 
 def _block(found: Measured, rows: Curve, response: EdgeResponse) -> tuple[int, float]:

@@ -20,6 +20,7 @@ from etendue_camera.resolution.slanted_edge import Measured
 
 Written = Callable[[FloatArray, np.random.Generator], FloatArray]
 TIMES, TRIED = 16, 3  # edges that are written, and those that say how much noise they take
+BY_ROWS, AGAIN = 0.93, 0.57  # of the bootstrap's reach and of the spread of edges written again: both hold the noise of the picture
 SEEN = 1.05  # times the rest without noise, from which on noise shows in a file
 MOST = 3.0  # times the rest, of the noise in front of the file
 
@@ -32,11 +33,23 @@ class Rewritten:
     spread: float  # standard deviation
     noise: float  # rms in front of the file that was taken, unit of the picture; of the side of the edge that has less
 
-    def reach(self, confidence: float) -> float:
-        """Half of an interval about a measured frequency."""
-        freedom = TIMES - 1
-        spread = float(scipy.special.stdtrit(freedom, 0.5 + 0.5 * confidence)) * self.spread * math.sqrt(1 + 1 / TIMES)
-        return spread + abs(self.bias)
+    def about(self, value: float, low: float, high: float, confidence: float) -> tuple[float, float]:
+        """The interval about a measured frequency, with that of the bootstrap by rows (low, high) as a part.
+
+        Notes
+        -----
+        The parts are added in squares. With noise both see the same, without it the second alone sees what a file does. `BY_ROWS` and
+        `AGAIN` make the interval score (Gneiting and Raftery 2007) smallest of 4,800 edges, 60 kinds of file, blur and noise, which
+        ``benchmarks/measure_coverage.py`` does not draw (other seeds; of half of them other sides, angles and levels), times 1.045: 96 % of
+        these are held, and the shares of the 60 kinds scatter no more than draws do.
+        """
+        if not math.isfinite(self.spread):
+            return low, math.inf
+        if not math.isfinite(value):
+            return low, high
+        own = float(scipy.special.ndtri(0.5 + 0.5 * confidence)) * AGAIN * self.spread * value
+        below, above = (math.hypot(BY_ROWS * max(part, 0.0), own) for part in (value - low, high - value))
+        return max(value - below, 0.0), value + above
 
 
 def rewritten(

@@ -1,7 +1,5 @@
 """Spectral tables as bin means: lights, eyes, cameras, displays, test charts. Those of colour-science are shipped."""
 
-from etendue.plugins.discovery import spectrum
-from etendue.plugins.hookspecs import SPECTRA as ENDINGS
 from etendue_camera.spectra.authority import colour_version
 from etendue_camera.spectra.bins import Edges, FloatArray, csv_rows, require_rows, table_from_csv
 from etendue_camera.spectra.ends import cut_off_note, held_in_the_infrared, held_note
@@ -25,6 +23,7 @@ from etendue_camera.spectra.luminance import (
     rendered_share,
     unmeasured_share,
 )
+from etendue_camera.spectra.named import ENDINGS, spectrum
 from etendue_camera.spectra.names import camera_range, check_camera, check_illuminant, check_rgb_space, rgb_space_names
 from etendue_camera.spectra.reflectances import require_shares
 from etendue_camera.spectra.spaces import adaptation_matrix, rgb_space_matrix, rgb_space_primaries, rgb_space_white, white_chromaticity

@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from etendue.plugins.discovery import spectrum
 from etendue_camera.spectra.ends import beyond, reach_of
+from etendue_camera.spectra.named import spectrum
 from etendue_camera.spectra.spdx import ENDING, read_spdx
 
 FloatArray = npt.NDArray[np.float64]

@@ -15,10 +15,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from etendue.plugins.discovery import spectrum
 from etendue_camera.constants import BOLTZMANN, PLANCK, SPEED_OF_LIGHT
 from etendue_camera.spectra import shipped
 from etendue_camera.spectra.bins import Edges, FloatArray, bin_means, checked_edges, csv_rows, frozen, table_from_csv, with_reach
+from etendue_camera.spectra.named import spectrum
 from etendue_camera.spectra.names import COMPUTED, COMPUTED_ILLUMINANTS, LOWEST_TEMPERATURE, state_of
 
 SECOND_RADIATION_CONSTANT = PLANCK * SPEED_OF_LIGHT / BOLTZMANN * 1e9  # nm K

@@ -14,9 +14,8 @@ from functools import cache
 from importlib.resources import files
 
 from etendue.plugins import discovery
-from etendue.plugins.discovery import spectrum
-from etendue.plugins.hookspecs import LIBRARY
 from etendue_camera.spectra.bins import csv_rows, require_name
+from etendue_camera.spectra.named import LIBRARY, spectrum
 
 LOWEST_TEMPERATURE = 100.0  # K; colder spectra overflow float64 towards the infrared
 COMPUTED = re.compile(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*(K|nm)\s*")

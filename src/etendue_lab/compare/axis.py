@@ -23,7 +23,8 @@ from etendue.pipeline.overrides import axis_name
 from etendue.pipeline.presets import preset
 from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
-from etendue.plan.sensors import SENSOR
+
+SENSOR = "sensor"  # the word for presets of a camera
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
     at: dict[str, Any] = {}
     if SENSOR in pipeline.sweep:
         at[SENSOR], pipeline = _of_one_sensor(pipeline)
-    camera, entries = dict(pipeline.camera), {e.name: e for e in pipeline.stages}
+    camera, entries = dict(pipeline.shared), {e.name: e for e in pipeline.stages}
     for key, written in pipeline.sweep.items():
         stage, _, name = key.rpartition(".")
         own = own_value(pipeline, key)
@@ -187,21 +188,21 @@ def without_sweep(pipeline: Pipeline) -> tuple[Pipeline, dict[str, Any]]:
             camera[name] = value
         elif stage in entries:
             entries[stage] = replace(entries[stage], values={**entries[stage].values, name: value})
-    return replace(pipeline, camera=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at
+    return replace(pipeline, shared=camera, stages=tuple(entries.values()), sweep={}, wanted=None, keep=None), at
 
 
 def _of_one_sensor(pipeline: Pipeline) -> tuple[str, Pipeline]:
     """A pipeline with the sensor that its camera names, or else the first of its sweep; and what that is called."""
     written, rest = pipeline.sweep[SENSOR], {key: value for key, value in pipeline.sweep.items() if key != SENSOR}
     alone = replace(pipeline, sweep=rest)
-    if pipeline.sensor or not isinstance(written, list | tuple) or not written:
-        return pipeline.sensor, alone
+    if pipeline.preset_name or not isinstance(written, list | tuple) or not written:
+        return pipeline.preset_name, alone
     table = {SENSOR: written[0]} if isinstance(written[0], str) else written[0]
     if not isinstance(table, Mapping):
         return "", pipeline  # a fault, which the planner reports
     own = {name: value for name, value in table.items() if name not in (SENSOR, "label")}
     name = str(table.get(SENSOR, ""))
-    alone = replace(alone, sensor=name, preset=preset(name).values() if name else {}, camera={**pipeline.camera, **own})
+    alone = replace(alone, preset_name=name, preset=preset(name).values() if name else {}, shared={**pipeline.shared, **own})
     return str(table.get("label", name)), alone
 
 
@@ -209,6 +210,6 @@ def own_value(pipeline: Pipeline, key: str) -> Any:
     """What a file gives for an axis beside its sweep, as written; None where it gives nothing."""
     stage, _, name = key.rpartition(".")
     if not stage:
-        return pipeline.sensor or None if key == SENSOR else pipeline.camera.get(name, pipeline.preset.get(name))
+        return pipeline.preset_name or None if key == SENSOR else pipeline.shared.get(name, pipeline.preset.get(name))
     entry = next((e for e in pipeline.stages if e.name == stage), None)
     return None if entry is None else entry.use if name == "use" else entry.values.get(name)

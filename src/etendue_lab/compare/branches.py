@@ -210,9 +210,9 @@ class Reference:
             return f"which reads {maps[0]}, a picture of the mosaic"
         one, graph = node.alternatives[0], graph_of(self.pipeline, self.registry)
         along = [name for name, p in quantities_of(one.kind).items() if p.along == "channel"]
-        values = {name: graph.camera.get(name) for name in quantities_of(one.kind)} | dict(one.values)
+        values = {name: graph.shared.get(name) for name in quantities_of(one.kind)} | dict(one.values)
         values |= {name: to_be_found(name, quantities_of(one.kind)[name]) for name in node.found}
-        for channel in cfa.read(str(graph.camera["pattern"])).channels if along else ():
+        for channel in cfa.read(str(graph.shared["pattern"])).channels if along else ():
             try:
                 asking.made(one.kind, values | dict.fromkeys(along, channel))
             except (ValueError, PluginError) as error:

@@ -120,7 +120,7 @@ def pitches_of(plan: Plan) -> list[float]:
     for axis in plan.axes:
         if axis.key == "pixel_pitch" or "pixel_pitch" in axis.gives:
             return [float(axis.value("pixel_pitch", position)) for position in range(len(axis.values))]
-    return [float(plan.camera["pixel_pitch"])]
+    return [float(plan.shared["pixel_pitch"])]
 
 
 def crossing(picture: Any, sigma: float) -> float:

@@ -27,7 +27,6 @@ from etendue.pipeline.file import Pipeline
 from etendue.pipeline.presets import preset_names
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
-from etendue.plan.sensors import SENSOR
 from etendue.present.pictures.crops import Plane
 from etendue.run.one_thread import ONE_THREAD
 from etendue.session import Options, execute
@@ -37,6 +36,8 @@ from etendue_lab.compare.axis import Asked, candidates, check_axis, check_writes
 from etendue_lab.compare.branches import Branched, Place, nodes_of, noise_free, with_reference, writer
 from etendue_lab.compare.compared import Reader, Row
 from etendue_lab.compare.figures import BORDER, by_its_own_white, colour_figures, display_figures, linear_figures
+
+SENSOR = "sensor"  # the word for presets of a camera
 
 
 @dataclass

@@ -19,6 +19,8 @@ FIGURES = (
     "gain", "read_noise", "dark_current", "full_well", "dsnu", "prnu", "linearity_error", "saturation_capacity", "absolute_sensitivity",
     "dynamic_range", "snr_max", "quantum_efficiency",
 )  # fmt: skip
+SIMULATED = 0.93, 0.97  # least and most of the intervals of a figure that held what was put in: benchmarks/emva.py, 900 sensors of 2 kinds
+HIDDEN = ("read_noise", "dark_current", "dsnu")  # what rounding moves where it hides the noise of the dark
 SHEET = ("gain", "read_noise", "dark_current", "full_well", "prnu", "quantum_efficiency")
 STEPPED = ("saturation_capacity", "dynamic_range", "snr_max")  # known to a step between levels, which no interval of pixels holds
 UNITS = {
@@ -63,6 +65,7 @@ class SensorChannel:
     def rows(self) -> list[dict[str, Any]]:
         """A figure each: ``held`` is whether its interval holds what is expected, None where nothing is."""
         found = []
+        hidden = self.measurement is not None and self.measurement.hidden
         for name in FIGURES if self.measurement is not None else ():
             estimate = getattr(self.measurement, name)
             expected = self.expected.get(name)
@@ -70,7 +73,7 @@ class SensorChannel:
             held = bool(estimate.low <= expected <= estimate.high) if known and expected is not None else None
             found.append({
                 "figure": name, "unit": UNITS.get(name, "1"), "value": estimate.value, "low": estimate.low, "high": estimate.high,
-                "expected": expected, "held": held,
+                "expected": expected, "held": held, "covered": not (hidden and name in HIDDEN),
             })  # fmt: skip
         return found
 
@@ -97,7 +100,7 @@ class EmvaReport:
     def document(self) -> dict[str, Any]:
         """As JSON holds it: an element of ``channels`` for every channel of every camera of a sweep."""
         return {
-            "pipeline": self.pipeline, "standard": "EMVA 1288 release 4, linear", "confidence": 0.95,
+            "pipeline": self.pipeline, "standard": "EMVA 1288 release 4, linear", "confidence": 0.95, "simulated": list(SIMULATED),
             "channels": [
                 {"at": dict(c.at), "channel": c.channel, "figures": c.rows(), "photon_transfer": c.curve(), "why": c.why}
                 for c in self.channels

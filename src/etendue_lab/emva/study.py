@@ -139,8 +139,8 @@ def _on_the_bench(pipeline: Pipeline, registry: Registry) -> Pipeline:
         else:
             kept.append(sound(entry, registry))
     entries = tuple(replace(e, origin={port: name for port, name in e.origin.items() if name not in dropped}) for e in kept)
-    camera = {**pipeline.camera, **({"noise": "independent"} if "noise" in pipeline.camera else {})}
-    return replace(pipeline, camera=camera, stages=entries, sweep={}, wanted=None, keep=None)
+    camera = {**pipeline.shared, **({"noise": "independent"} if "noise" in pipeline.shared else {})}
+    return replace(pipeline, shared=camera, stages=entries, sweep={}, wanted=None, keep=None)
 
 
 def _windowed(pipeline: Pipeline, registry: Registry, pixels: int) -> Pipeline:

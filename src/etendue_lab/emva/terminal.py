@@ -17,6 +17,7 @@ NAMES = {
     "absolute_sensitivity": "sensitivity limit", "dynamic_range": "dynamic range", "snr_max": "SNR max",
     "quantum_efficiency": "quantum efficiency",
 }  # fmt: skip
+SENSORS = 900  # docs/emva.md
 PERCENT = ("prnu", "linearity_error", "quantum_efficiency")
 
 
@@ -45,8 +46,14 @@ def print_emva(document: dict[str, Any]) -> None:
             interval = f"{cells[1]} to {cells[2]}" if cells[1] or cells[2] else ""
             table.add_row(NAMES[row["figure"]] + (f", {unit}" if unit else ""), cells[0], interval, cells[3], word)
         console.print(table)
+        if hidden := [NAMES[row["figure"]] for row in one["figures"] if not row["covered"]]:
+            console.print(
+                f"channel {one['channel']}: not covered: rounding to whole numbers hides the noise of the dark: {', '.join(hidden)}"
+            )
     if known:
-        console.print(f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not")
+        least, most = (100 * (1 - share) for share in reversed(document["simulated"]))
+        counted = f"of {SENSORS} simulated sensors of two kinds {least:.0f} to {most:.0f} %"
+        console.print(f"{held} of {known} intervals hold what is expected; of 95 % intervals one in twenty does not ({counted})")
     for note in document["notes"]:
         console.print(f"note: {escape(note)}")
 

@@ -69,7 +69,7 @@ def _sites(plan: Plan, place: Place, channel: str) -> Any:
     node = plan.node(place[0])
     grid = plan.cells[node.name, (0,) * len(node.axes)].grids[MOSAIC]
     y, x = grid.line("y"), grid.line("x")
-    mask = cfa.read(str(plan.camera.get("pattern", "mono")))
+    mask = cfa.read(str(plan.shared.get("pattern", "mono")))
     index = cfa.channel_index(mask, y.size, x.size, round(y.start), round(x.start))
     return index == list(mask.channels).index(channel)
 

@@ -46,9 +46,9 @@ class FineDetail(FlatField):
         first = next(n for n in plan.nodes if MOSAIC in n.writes and MOSAIC not in {v for _, _, v in n.inputs[0]})
         super().__init__(plan, first, [arrays], notes)
         self.pipeline = pipeline
-        if "pixel_pitch" not in plan.camera:
+        if "pixel_pitch" not in plan.shared:
             raise RequestError("the camera has no pixel_pitch: there are no cycles per pixel", pipeline.file)
-        self.pitch = float(plan.camera["pixel_pitch"])
+        self.pitch = float(plan.shared["pixel_pitch"])
         self.order = list(np.ndindex(self.mask.shape))
         self.channels = tuple(dict.fromkeys(str(c) for c in self.mask.ravel()))
         results = {ref: Result(arrays=dict(found)) for ref, found in arrays.items()}

@@ -18,10 +18,10 @@ from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError
 from etendue.pipeline import toml
 from etendue.pipeline.file import Pipeline, parse_pipeline
-from etendue.plan.sensors import SENSOR
 from etendue.result_files import finite
 from etendue_lab.losses.study import RUNS, losses
 
+SENSOR = "sensor"  # the word for presets of a camera
 ABOUT = (
     "The camera{at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera could be"
     " made real (Shapley values); the shares are of what is lost before others win it back, and a stage below 0 wins back. "

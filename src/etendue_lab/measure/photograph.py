@@ -113,6 +113,13 @@ class Photograph:
         below, above = LINEARISED[self.encoding](np.array([encoded - each, encoded + each]))
         return float(above - below)
 
+    def coarse(self, low: float, high: float) -> float:
+        """Mean step of a JPEG's table over an edge between two levels of linear light, both in numbers of the file; 0 of other files."""
+        if not self.lossy:
+            return 0.0
+        below, above = ENCODED[self.encoding](np.clip(np.array([low, high]), 0.0, 1.0))
+        return float(np.mean(self.table) / max(self.full * (above - below), 1.0))
+
     @property
     def lossy(self) -> bool:
         """Whether the file holds cosine transforms of blocks, rounded."""

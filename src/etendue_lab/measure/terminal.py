@@ -63,6 +63,8 @@ def _print_responses(console: Any, title: str, where: str, rows: list[dict[str, 
             console.print(
                 f"{row[where]}: hardly one straight edge between two even fields: {', '.join(DOUBTS[one] for one in row['doubts'])}"
             )
+        if row.get("conservative"):
+            console.print(f"{row[where]}: conservative: no noise moves it, the interval is an upper bound of the method's error")
         if row.get("not_covered"):
             console.print(f"{row[where]}: not covered: intervals were not tried on {', '.join(UNTRIED[one] for one in row['not_covered'])}")
 

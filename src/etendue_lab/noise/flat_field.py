@@ -52,7 +52,7 @@ def sound(entry: StageEntry, registry: Registry) -> StageEntry:
     """A stage that makes defective pixels, making none."""
     if entry.use not in registry or not FLAWS & set(writes_of(kind := registry.load(entry.use))):
         return entry
-    shares = {name: 0.0 for name, (p, of, _) in parameters_of(kind).items() if of is float and p.at_most == 0.5 and not p.camera}
+    shares = {name: 0.0 for name, (p, of, _) in parameters_of(kind).items() if of is float and p.at_most == 0.5 and not p.shared}
     return replace(entry, values={**{k: v for k, v in entry.values.items() if k != "file"}, **shares})
 
 
@@ -60,8 +60,8 @@ def another(pipeline: Pipeline, number: int) -> Pipeline:
     """A camera of the same kind with noise and fixed patterns of its own: another seed and another sensor; 0: the camera itself."""
     if not number:
         return pipeline
-    serial = {**pipeline.preset, **pipeline.camera}.get("sensor_serial", "")
-    return replace(pipeline, seed=pipeline.seed + number, camera={**pipeline.camera, "sensor_serial": f"{serial}+{number}"})
+    serial = {**pipeline.preset, **pipeline.shared}.get("sensor_serial", "")
+    return replace(pipeline, seed=pipeline.seed + number, shared={**pipeline.shared, "sensor_serial": f"{serial}+{number}"})
 
 
 def several(plan: Plan, node: Node, variable: str, but: Collection[str] = ()) -> str:
@@ -114,7 +114,7 @@ class FlatField:
 
     def _mask(self) -> Any:
         """Channel names by place in the cell, as the window sees them."""
-        pattern = self.plan.camera.get("pattern", "mono")
+        pattern = self.plan.shared.get("pattern", "mono")
         mask = cfa.read(str(pattern))
         grid = self.plan.cells[self.ref].grids[MOSAIC]
         down, right = (round(grid.line(dim).start) for dim in ("y", "x"))

@@ -88,7 +88,7 @@ def ideal_of(pipeline: Pipeline, registry: Registry, without: Collection[str] = 
     ideal = replace(
         pipeline,
         stages=tuple(entries),
-        camera=_asked_for(pipeline.camera, entries, registry),
+        shared=_asked_for(pipeline.shared, entries, registry),
         sweep=_asked_for(_still_there(pipeline.sweep, out, replaced), entries, registry),
         wanted=None,
         keep=None,
@@ -187,7 +187,7 @@ def _still_there(sweep: Mapping[str, Any], out: Collection[str], replaced: Mappi
 def _asked_for(values: Mapping[str, Any], entries: list[StageEntry], registry: Registry) -> dict[str, Any]:
     """Of camera quantities those that a stage takes; keys of stages as they are."""
     kinds = [_kind(entry, registry) for entry in entries]
-    taken = {name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.camera}
+    taken = {name for kind in kinds if kind for name, (parameter, _, _) in parameters_of(kind).items() if parameter.shared}
     return {key: value for key, value in values.items() if "." in key or key in taken}
 
 

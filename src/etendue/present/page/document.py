@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
+from etendue.contract.tables import preset_keys, tables
 from etendue.contract.variables import variable, without
 from etendue.contract.wording import prefix_of
-from etendue.plan.sensors import SENSOR
 from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
 from etendue.present.page.figures import Coordinate, Figure, figures
@@ -68,7 +68,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         **wordings(),
         "sections": [],
         "stages": stage_rows(opened, table, about),
-        "camera": _camera(opened),
+        "shared": _shared(opened),
         "figures": [_figure(one, columns) for one in found],
         "omitted": [vars(one) for one in omitted],
         "pictured": [{"stage": stage, "variable": variable, **_said(opened, stage, variable)} for stage, variable in pictured(opened)],
@@ -99,11 +99,15 @@ def plain(value: Any) -> Any:
 
 
 def start_of(opened: Opened) -> dict[str, int]:
-    """Where a page begins without a choice, as the contact sheet: the camera's own value where it is on the axis, else the middle."""
-    said = {*_pipeline(opened).get("camera", {}), *(key.removeprefix("camera.") for key in opened.record.get("overrides", {}))}
+    """Where a page begins without a choice, as the contact sheet: the pipeline's own value where it is on the axis, else the middle."""
+    written = _pipeline(opened)
+    said = {
+        *(name for table in tables() for name in written.get(table, {})),
+        *(key.partition(".")[2] for key in opened.record.get("overrides", {})),
+    }
     start = {}
     for axis in opened.axes:
-        own = opened.record["camera"].get(axis.key) if axis.key in said else None
+        own = opened.record["shared"].get(axis.key) if axis.key in said else None
         given = opened.record["axes"].get(axis.key) or list(axis.values)
         if not isinstance(own, int | float | str) or own not in axis.places:
             own = given[len(given) // 2]
@@ -114,15 +118,16 @@ def start_of(opened: Opened) -> dict[str, int]:
 def _losses_command(opened: Opened, start: Mapping[str, int]) -> str:
     """What says which stage the losses are owed to, at the cell where the page begins.
 
-    '' where it holds no pipeline file, and where stages or sensors are swept: a name along such an axis stands for a table of the sweep.
+    '' where it holds no pipeline file, and where stages or presets are swept: a name along such an axis stands for a table of the sweep.
     """
     last = sorted((opened.folder / "runs").glob("*.toml"))
-    if not last or any(len(axis.values) > 1 and (axis.key == SENSOR or axis.key.endswith(".use")) for axis in opened.axes):
+    if not last or any(len(axis.values) > 1 and (axis.key in preset_keys() or axis.key.endswith(".use")) for axis in opened.axes):
         return ""
     words = ["etendue", "losses", f"{opened.folder.resolve().name}/runs/{last[-1].name}"]
     for axis in opened.axes:
         if len(axis.values) > 1:
-            words += ["--set", f"{axis.key if '.' in axis.key else f'camera.{axis.key}'}={axis.values[start[axis.dim]]}"]
+            name = axis.key if "." in axis.key else f"{opened.record['table']}.{axis.key}"
+            words += ["--set", f"{name}={axis.values[start[axis.dim]]}"]
     return shlex.join(words)
 
 
@@ -133,14 +138,14 @@ def _pipeline(opened: Opened) -> dict[str, Any]:
         return {}
 
 
-def _camera(opened: Opened) -> list[dict[str, Any]]:
-    """The camera's quantities that some stage has used, with units; which of them are swept."""
+def _shared(opened: Opened) -> list[dict[str, Any]]:
+    """The shared quantities that some stage has used, with units; which of them are swept."""
     used = {name for node in opened.record["nodes"].values() for name in node.get("shown", {})}
     swept = {axis.key for axis in opened.axes}
     rows = []
-    for name, value in opened.record["camera"].items():
+    for name, value in opened.record["shared"].items():
         if name in used and name not in swept:
-            quantity = camera.declared(name) if name in camera.names() else None
+            quantity = quantities.declared(name) if name in quantities.names() else None
             units = quantity.units if quantity else ""
             rows.append({"name": name, "value": value, "units": "" if units == "1" else units, "what": quantity.doc if quantity else ""})
     return rows
@@ -195,7 +200,7 @@ def _provenance(opened: Opened) -> dict[str, Any]:
     return {
         "began": str(record.get("began", "")), "runs": len(opened.runs), "platform": record.get("platform", {}),
         "libraries": record.get("libraries", {}), "options": record.get("options", {}), "overrides": record.get("overrides", {}),
-        "sensor": str(record.get("sensor", "")), "text": str(record.get("text", "")),
+        "preset": str(record.get("preset", "")), "text": str(record.get("text", "")),
         "distributions": sorted({d for node in record["nodes"].values() for d in node.get("distributions", [])}),
         "pipeline_file": f"runs/{last[-1].name}" if last else "",
     }  # fmt: skip

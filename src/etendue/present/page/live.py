@@ -220,7 +220,7 @@ class Live:
         """The value above which nothing is told apart: the largest whole number, 1 of what is relative to clipping or white."""
         if name := units().get(one.units, Unit()).bits:
             shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
-            bits = shown.get(name, self.opened.record["camera"].get(name))
+            bits = shown.get(name, self.opened.record["shared"].get(name))
             return float(2 ** int(bits) - 1) if isinstance(bits, int) else None
         return 1.0 if one.units == "" else None
 

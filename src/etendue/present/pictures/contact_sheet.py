@@ -27,6 +27,7 @@ TITLE, TEXT = 18, 11  # dots: heights of letters
 LINE = 14  # dots from line to line of a label
 COMPRESSION = 3  # of 9: a third of the time of the usual 6, for 8 % more bytes
 MARK = (255, 40, 40)  # around a part
+RIM = 200  # grey around a picture
 MAPS_FROM = "maps from row"  # in the PNG: where the maps begin, which later runs may draw anew
 
 
@@ -60,6 +61,7 @@ def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequen
         row, column = divmod(number, across)
         left, top = GAP + column * (wide + inset + GAP), head + row * (high + LABEL + GAP) + LABEL
         y, x = tile.picture.shape[:2]
+        pixels[top - 1 : top + y + 1, left - 1 : left + x + 1] = RIM  # a white picture ends where white paper begins
         pixels[top : top + y, left : left + x] = tile.picture
         if tile.part is not None:
             _frame(pixels, top, left, tile.place, (y, x))
@@ -137,6 +139,7 @@ def _tiles(table: Mapping[str, Any]) -> list[_Tile]:
         text = f"{number + 1}. {stage.removesuffix(f'.{variable}')}"
         size = f"{columns['true_width'][number]} x {columns['true_height'][number]}"
         size += ", without gamma" if known(variable).shown == "unencoded" else ""
+        size += next((f", all {name}" for name, end in (("white", 255), ("black", 0)) if (picture == end).all()), "")
         part = None
         if columns["detail_height"][number]:
             own = columns["detail"][number][:, : columns["detail_height"][number], : columns["detail_width"][number]]

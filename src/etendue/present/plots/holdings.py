@@ -24,6 +24,7 @@ PLANE = ("y", "x")
 FINISHED = (0, 1)  # of status: done, left out
 FAILED = (2, 3)  # failed, skipped
 BESIDE = ("status", BOUNDS)
+ANY = "ARCHIVE"
 KINDS = ("figure", "curve", "picture", "other")
 
 
@@ -35,6 +36,7 @@ class Held:
     variable: str
     groups: tuple[xarray.Dataset, ...] = field(repr=False)  # one, or one for each shape
     order: Mapping[str, Mapping[Any, int]] = field(default_factory=dict, repr=False)  # of names along axes, as they were swept
+    archive: str = field(default=ANY, repr=False)  # as it is called where commands are typed
 
     @property
     def name(self) -> str:
@@ -135,7 +137,7 @@ class Held:
             if any(value not in group[dim].values.tolist() for dim, value in at.items() if dim in self.axes):
                 continue
             chosen = group[[variable, *(["status"] if "status" in group else [])]].sel({k: v for k, v in at.items() if k in group.coords})
-            array, status = _loaded(chosen[variable], self.name), _loaded(chosen["status"], self.name) if "status" in chosen else None
+            array, status = _loaded(chosen[variable], self), _loaded(chosen["status"], self) if "status" in chosen else None
             dims = tuple(str(dim) for dim in array.dims if dim not in axes)
             coords |= {dim: group[dim] for dim in dims if dim in group.coords}
             own = array.transpose(*axes, *dims).values.astype(np.float64)
@@ -160,7 +162,8 @@ class Held:
 class Holdings:
     """Everything in a tree that can be drawn."""
 
-    def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
+    def __init__(self, tree: xarray.DataTree | xarray.Dataset, archive: str = ANY) -> None:
+        self.archive = archive
         tree = xarray.DataTree(tree) if isinstance(tree, xarray.Dataset) else tree
         self.tree = tree
         self.held: dict[tuple[str, str], Held] = {}
@@ -170,7 +173,7 @@ class Holdings:
             for name in groups[0].data_vars:
                 if str(name) not in BESIDE and groups[0][name].dtype.kind in "fiub":
                     own = tuple(group for group in groups if name in group)
-                    self.held[stage, str(name)] = Held(stage, str(name), own, self.order)
+                    self.held[stage, str(name)] = Held(stage, str(name), own, self.order, archive)
 
     def __iter__(self) -> Iterator[Held]:
         return iter(self.held.values())
@@ -231,7 +234,7 @@ class Holdings:
                 "curve": "; draw it with curves",
             }
             raise RequestError(f"{name} is a {found[-1].kind} (dims: {dims}), no {' or '.join(kinds)}{way.get(found[-1].kind, '')}")
-        raise RequestError(f"there is no {name!r} here{nearest(name, names)}; all that there is: etendue plot ARCHIVE --list")
+        raise RequestError(f"there is no {name!r} here{nearest(name, names)}; all that there is: etendue plot {self.archive} --list")
 
     def table(self, name: str) -> xarray.Dataset | None:
         """A table beside the stages: ``ledger``, ``summary``, ``frames``."""
@@ -258,10 +261,11 @@ def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
     return found
 
 
-def _loaded(array: xarray.DataArray, name: str) -> xarray.DataArray:
+def _loaded(array: xarray.DataArray, held: Held) -> xarray.DataArray:
     try:
         return array.load()
     except EtendueError:
         raise
     except Exception as error:  # whatever zarr and its codecs say of bytes that do not fit their checksum
-        raise ArchiveError(f"{name} cannot be read ({error}): the archive is damaged. Mend it: etendue verify ARCHIVE --repair") from error
+        mend = f"Mend it: etendue verify {held.archive} --repair"
+        raise ArchiveError(f"{held.name} cannot be read ({error}): the archive is damaged. {mend}") from error

@@ -129,7 +129,7 @@ def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple
             names = [*kinds(), *(one.variable for one in holdings)]
             raise RequestError(
                 f"{kind!r} is no kind of plot ({', '.join(kinds())}) and no variable here{nearest(kind, names)}; "
-                "etendue plot ARCHIVE --list"
+                f"etendue plot {holdings.archive} --list"
             )
         figures = (kind, *figures)
         if len(figures) == 2:

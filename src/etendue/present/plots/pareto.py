@@ -116,12 +116,13 @@ def _chosen(holdings: Holdings, first: str, second: str) -> list[Held]:
     if first and second:
         return [holdings.find(name, "figure") for name in (first, second)]
     if first or second:
-        raise RequestError("a front is of two figures: etendue plot ARCHIVE pareto FIGURE FIGURE")
+        raise RequestError(f"a front is of two figures: etendue plot {holdings.archive} pareto FIGURE FIGURE")
     names = {one.variable for one in holdings.of_kind("figure")}
     for pair in map(str.split, goes_first("front")):
         if len(pair) == 2 and names.issuperset(pair):
             return [holdings.find(name, "figure") for name in pair]
-    raise RequestError("say which two figures: etendue plot ARCHIVE pareto FIGURE FIGURE (which there are: etendue plot ARCHIVE --list)")
+    own = f"etendue plot {holdings.archive}"
+    raise RequestError(f"say which two figures: {own} pareto FIGURE FIGURE (which there are: {own} --list)")
 
 
 def _better(held: Held, place: int, asked: Mapping[str, str] | Sequence[str]) -> str:

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
+from etendue.contract.tables import tables
 from etendue.contract.units import UnitError, to_unit
 from etendue.errors import Fault, RequestError, nearest
-from etendue.pipeline.overrides import CAMERA
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import value_text
 
@@ -38,7 +38,7 @@ def read_at(texts: Iterable[str]) -> dict[str, str]:
 def is_called(name: str, dim: str, key: str) -> bool:
     """Whether a word means a dim: its own name, or the parameter that it sets; ``sharpen.strength``, in Python ``sharpen__strength``."""
     word = name.replace("__", ".")
-    return name == dim or word in (key, f"{CAMERA}{key}")
+    return name == dim or word in (key, *(table.place(key) for table in tables().values()))
 
 
 def dim_of(held: Iterable[Held], name: str) -> tuple[str, Held | None]:

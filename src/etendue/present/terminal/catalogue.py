@@ -1,7 +1,7 @@
 """What is installed, in words: stages by what they are for, and the quantities that stages share.
 
 In:  the registry.
-Out: stages and camera quantities on the terminal, or as JSON.
+Out: stages and shared quantities on the terminal, or as JSON.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from typing import Any
 
 from rich.padding import Padding
 
-from etendue.contract import quantities as camera
+from etendue.contract import quantities
 from etendue.contract.parameter import MISSING
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.tables import tables
 from etendue.errors import PluginError
 from etendue.plugins import discovery
 from etendue.present.terminal.terminal import _out, _table, escape
@@ -38,7 +39,7 @@ def stage_document(registry: Registry, name: str) -> dict[str, Any]:
         parameters[key] = {
             "type": getattr(kind_of, "__name__", str(kind_of)), "units": parameter.units, "default": value, "required": default is MISSING,
             "range": parameter.shown_range(), "choices": list(parameter.choices) if parameter.choices else None,
-            "camera": parameter.camera, "fidelity": parameter.reference or None,
+            "shared": parameter.shared, "fidelity": parameter.reference or None,
             "settings": ["inf" if v == math.inf else v for v in parameter.settings] if parameter.settings else None,
             "studied": parameter.studied, "doc": parameter.doc,
         }  # fmt: skip
@@ -104,7 +105,11 @@ def print_stage(document: dict[str, Any]) -> None:
         if not p["required"]:
             value = " = ''" if p["default"] == "" else f" = {p['default']}{units}"
         allowed = f"one of {', '.join(p['choices'])}" if p["choices"] else p["range"]
-        notes = [text for text in ("required" if p["required"] else "", "under [camera]" if p["camera"] else "", allowed) if text]
+        notes = [
+            text
+            for text in ("required" if p["required"] else "", f"under [{next(iter(tables()))}]" if p["shared"] else "", allowed)
+            if text
+        ]
         console.print(escape(f"\n{key}{value}{'   (' + '; '.join(notes) + ')' if notes else ''}"))
         settings = f"; from the cheapest: {', '.join(f'{v}' for v in p['settings'])}" if p["settings"] else ""
         for text in (p["doc"], f"a finer setting costs time; reference: {p['fidelity']}{settings}" if p["fidelity"] else ""):
@@ -113,13 +118,13 @@ def print_stage(document: dict[str, Any]) -> None:
 
 
 def quantity_document(name: str, registry: Registry | None = None) -> dict[str, Any]:
-    """One camera quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
+    """One shared quantity as JSON; with a registry, also the stages that take it. One that cannot be read says why."""
     brought = discovery.installed().all("quantities", name)
     found: dict[str, Any] = {"name": name, "distribution": brought[0].distribution, "version": brought[0].version}
     try:
         if clash := discovery.installed().clash("quantities", name):
             raise PluginError(clash)
-        found |= _plain(camera.declared(name))
+        found |= _plain(quantities.declared(name))
     except PluginError as error:
         return {**found, "units": "", "default": None, "required": False, "range": "", "choices": None, "doc": "", "broken": str(error)}
     if registry is not None:
@@ -132,10 +137,10 @@ def _takes(registry: Registry, stage: str, name: str) -> bool:
         declared = parameters_of(registry.load(stage)).get(name)
     except PluginError:
         return False
-    return declared is not None and declared[0].camera
+    return declared is not None and declared[0].shared
 
 
-def _plain(parameter: camera.Quantity) -> dict[str, Any]:
+def _plain(parameter: quantities.Quantity) -> dict[str, Any]:
     value = None if parameter.default is MISSING else parameter.default
     if isinstance(value, float) and not math.isfinite(value):
         value = "inf"
@@ -146,9 +151,9 @@ def _plain(parameter: camera.Quantity) -> dict[str, Any]:
 
 
 def print_quantities(documents: list[dict[str, Any]]) -> None:
-    """Every camera quantity in a line."""
+    """Every shared quantity in a line."""
     columns = (("quantity", "left"), ("default", "right"), ("what it is", "left"))
-    table = _table("quantities that stages share, under \\[camera] in a pipeline", *columns, wrap=("what it is",))
+    table = _table(f"quantities that stages share, under \\[{next(iter(tables()))}] in a pipeline", *columns, wrap=("what it is",))
     for d in documents:
         said = f"broken: {d['broken']}" if "broken" in d else d["doc"]
         table.add_row(d["name"], "required" if d["required"] else escape(_valued(d)), escape(said + _origin(d)))

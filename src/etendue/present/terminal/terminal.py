@@ -124,7 +124,7 @@ def _uses(stages: list[dict[str, Any]]) -> list[str]:
 
 
 def _bound(stages: list[dict[str, Any]]) -> list[str]:
-    """Which stages take a camera quantity from an earlier one, and which are run one by one over a dim."""
+    """Which stages take a shared quantity from an earlier one, and which are run one by one over a dim."""
     found: dict[tuple[str, str], list[str]] = {}
     mapped: dict[str, list[str]] = {}
     for stage in stages:
@@ -303,13 +303,13 @@ def replay(plan: Plan, ref: CellRef) -> str:
     words = ["etendue", "run", plan.pipeline.file]
     swept = {axis.key for axis in plan.axes}
     for key, value in plan.pipeline.overrides:
-        if not key.startswith("sweep.") and key not in ("wanted", "keep") and key.removeprefix("camera.") not in swept:
+        if not key.startswith("sweep.") and key not in ("wanted", "keep") and key.removeprefix(f"{plan.pipeline.table.name}.") not in swept:
             words += ["--set", f"{key}={value}"]
     for axis in plan.axes:
         value = labels.get(axis.dim, axis.values[0])
         stage, _, parameter = axis.key.partition(".")
         if parameter != "use":
-            words += ["--set", f"{axis.key if parameter else 'camera.' + axis.key}={value}"]
+            words += ["--set", f"{axis.key if parameter else plan.pipeline.table.place(axis.key)}={value}"]
             continue
         node = next((n for n in plan.nodes if n.name == stage), None)
         one = next((a for a in node.alternatives if a.label == value), None) if node else None
@@ -317,7 +317,7 @@ def replay(plan: Plan, ref: CellRef) -> str:
             declared = parameters_of(one.kind)
             words += ["--set", f"{axis.key}={one.use}"]
             for name, own in one.values.items():
-                if not declared[name][0].camera and own != declared[name][2]:
+                if not declared[name][0].shared and own != declared[name][2]:
                     words += ["--set", f"{stage}.{name}={own}"]
     return shlex.join([*words, "--want", ref[0], "--archive", "again"])
 

@@ -40,6 +40,7 @@ function column(bytes, place) {
 const HIGH = { '-': '⁻', 0: '⁰', 1: '¹', 2: '²', 3: '³', 4: '⁴', 5: '⁵', 6: '⁶', 7: '⁷', 8: '⁸', 9: '⁹' };
 const raised = (text) => [...String(text)].map((c) => HIGH[c] || c).join('');
 
+const KNOWN = 3, EXACT = 17; // digits of a figure, which is seldom known to more; of what was given, which is said as it was
 function say(value, digits = 4) {
   if (value === 'inf') return '∞';
   if (typeof value === 'boolean') return value ? 'yes' : 'no';
@@ -49,6 +50,7 @@ function say(value, digits = 4) {
   if (typeof value !== 'number') return JSON.stringify(value);
   if (!Number.isFinite(value)) return value > 0 ? '∞' : '−∞';
   if (value === 0) return '0';
+  if (digits === EXACT) return String(value).replace(/e([+-]?)(\d+)$/, (_, sign, power) => `·10${raised((sign === '-' ? '-' : '') + power)}`).replace('-', '−');
   const size = Math.abs(value);
   if (size < 1e-3 || size >= 1e6) {
     const [mantissa, power] = value.toExponential(Math.max(0, digits - 2)).split('e');
@@ -59,15 +61,16 @@ function say(value, digits = 4) {
 }
 
 const unit = (text) => (text === 'mm-1' ? 'lp/mm' : text || '').replace(/\bum/g, 'µm').replace(/([A-Za-zµ])(-?\d)/g, (_, letter, power) => letter + raised(power));
-const withUnit = (value, units, digits) => (units === 's' && typeof value === 'number') ? seconds(value) : (units ? `${say(value, digits)} ${unit(units)}` : say(value, digits));
+const withUnit = (value, units, digits) => (units === 's' && typeof value === 'number') ? seconds(value, digits) : (units ? `${say(value, digits)} ${unit(units)}` : say(value, digits));
 
-function seconds(value) {
+function seconds(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) return '–';
   if (value === 0) return '0 s';
-  if (value < 1e-3) return `${say(value * 1e6, 3)} µs`;
-  if (value < 1) return `${say(value * 1e3, 3)} ms`;
-  if (value < 120) return `${say(value, 3)} s`;
-  return value < 7200 ? `${say(value / 60, 3)} min` : `${say(value / 3600, 3)} h`;
+  const said = (factor) => say(value * factor, Math.min(digits, 9));
+  if (value < 1e-3) return `${said(1e6)} µs`;
+  if (value < 1) return `${said(1e3)} ms`;
+  if (value < 120) return `${said(1)} s`;
+  return value < 7200 ? `${said(1 / 60)} min` : `${said(1 / 3600)} h`;
 }
 
 const bytesOf = (value) => (value >= 1e6 ? `${say(value / 1e6, 3)} MB` : `${say(value / 1e3, 3)} kB`);
@@ -83,11 +86,16 @@ function named(name) {
   return name.split('_').map((word) => (Object.hasOwn(known, word) ? known[word] : word)).join(' ');
 }
 
+// As few digits as keep the values of an axis apart.
+function digitsOf(axis) {
+  if (!axis.digits) axis.digits = [3, 4, 5, 6, 8].find((n) => new Set(axis.values.map((v) => say(v, n))).size === new Set(axis.values).size) || 12;
+  return axis.digits;
+}
 function axisValue(axis, index) {
   const value = axis.values[index];
   if (axis.text) return String(value);
   if (axis.prefix) return `${axis.prefix}${say(value, 3)}`;
-  return axis.units === 's' ? seconds(value) : withUnit(value, axis.units, 4);
+  return axis.units === 's' ? seconds(value, digitsOf(axis)) : withUnit(value, axis.units, digitsOf(axis));
 }
 
 // ---- where the sliders stand
@@ -122,7 +130,7 @@ class Figure {
   }
   offset(at) { return sum(this.axes.map((dim, i) => (at[dim] || 0) * this.steps[i])); }
   value(at, inner = 0) { return this.values[this.offset(at) + inner]; }
-  words(value) { return this.meanings.length && this.meanings[value] ? named(this.meanings[value]) : withUnit(value, this.units); }
+  words(value) { return this.meanings.length && this.meanings[value] ? named(this.meanings[value]) : withUnit(value, this.units, KNOWN); }
 }
 
 // One number a cell: a figure, or one of its labels ("level behind filter").

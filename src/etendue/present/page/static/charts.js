@@ -83,7 +83,7 @@ function frame(width, height, x, y, margin) {
   }
   const names = svg('g', { class: 'axes' },
     svg('line', { x1: left, x2: right, y1: bottom, y2: bottom }), svg('line', { x1: left, x2: left, y1: top, y2: bottom }),
-    svg('text', { x: (left + right) / 2, y: height - 6, 'text-anchor': 'middle' }, x.label || ''),
+    svg('text', { x: clamp((left + right) / 2, Math.min(width / 2, 3.1 * (x.label || '').length), Math.max(width / 2, width - 3.1 * (x.label || '').length)), y: height - 6, 'text-anchor': 'middle' }, x.label || ''),
     svg('text', { x: left, y: 13, 'text-anchor': 'start' }, y.label || ''));
   root.append(grid, names, text);
   return { root, sx, sy, left, right, top, bottom };
@@ -119,7 +119,7 @@ function lines(host, width, { x, y, series, marks = [], height = 340, points = t
     }
     if (!best) return;
     put(dot, { cx: f.sx.at(best.a), cy: f.sy.at(best.b), visibility: 'visible' }, []);
-    clear(read, saying ? saying(best.one, best.a, best.b) : `${best.one.name ? `${best.one.name}: ` : ''}${say(best.b)} at ${x.names ? x.names[best.a] : say(best.a)}`);
+    clear(read, saying ? saying(best.one, best.a, best.b) : `${best.one.name ? `${best.one.name}: ` : ''}${say(best.b, KNOWN)} at ${x.names ? x.names[best.a] : say(best.a)}`);
   });
   f.root.addEventListener('pointerleave', () => { dot.setAttribute('visibility', 'hidden'); clear(read, ' '); });
   clear(host, f.root, legend(series), read);

@@ -64,7 +64,7 @@ function mapPart(doc, scalars) {
     if (b && !shown.includes(state.at[down])) shown[nearestOf(shown, state.at[down])] = state.at[down];
     const series = shown.map((j) => ({ name: b ? axisValue(b, j) : '', colour: b ? ramp(shown.indexOf(j), shown.length) : colour(0), faint: b && j !== state.at[down], points: a.values.map((v, i) => [names ? i : v, value({ [across]: i, ...(b ? { [down]: j } : {}) })]) }));
     const wide = !names && a.values[0] > 0 && a.values[a.values.length - 1] / a.values[0] >= 8;
-    lines(curve, width, { x: names ? { names: a.values.map(String), label: a.label } : { range: extent(a.values, wide), log: wide, label: `${a.label}${a.units ? ` (${unit(a.units)})` : ''}` }, y: { range: extent(series.flatMap((s) => s.points.map((p) => p[1])), log && rangeOf(scalar).low > 0, true), log: log && rangeOf(scalar).low > 0, label: axisLabel(scalar) }, series, say: (one, x, v) => `${withUnit(v, scalar.figure.units)} at ${a.label} ${names ? a.values[x] : axisValue(a, a.values.indexOf(x))}${b ? `, ${b.label} ${one.name}` : ''}` });
+    lines(curve, width, { x: names ? { names: a.values.map(String), label: a.label } : { range: extent(a.values, wide), log: wide, label: `${a.label}${a.units ? ` (${unit(a.units)})` : ''}` }, y: { range: extent(series.flatMap((s) => s.points.map((p) => p[1])), log && rangeOf(scalar).low > 0, true), log: log && rangeOf(scalar).low > 0, label: axisLabel(scalar) }, series, say: (one, x, v) => `${withUnit(v, scalar.figure.units, KNOWN)} at ${a.label} ${names ? a.values[x] : axisValue(a, a.values.indexOf(x))}${b ? `, ${b.label} ${one.name}` : ''}` });
     if (b) curve.prepend(el('p', { class: 'note over' }, `Lines: ${b.label}${shown.length < b.values.length ? ` (${shown.length} of ${b.values.length})` : ''}`));
   });
   drawControls();
@@ -139,31 +139,33 @@ function tradePart(doc, scalars) {
   const able = scalars.filter((s) => rangeOf(s).varies && !s.figure.meanings.length);
   if (able.length < 2) return null;
   const chosen = opposed(able);
+  const clips = clipsOf(doc.opening.front), { dims: judged = [], clipped } = doc.opening.front || {};
   let [moreX, moreY] = [moreIsBetter(chosen.x), moreIsBetter(chosen.y)], logX = false, logY = false, current = null;
-  const plot = el('div', { class: 'plot', id: 'trade' }), controls = el('div', { class: 'controls' }), table = el('div', {});
+  const plot = el('div', { class: 'plot', id: 'trade-plot' }), controls = el('div', { class: 'controls' }), table = el('div', {});
   const collect = () => {
     const dims = doc.axes.map((a) => a.dim).filter((dim) => chosen.x.figure.axes.includes(dim) || chosen.y.figure.axes.includes(dim)), sizes = dims.map((dim) => axisOf(dim).values.length), total = sizes.reduce((a, b) => a * b, 1);
-    const xs = [], ys = [], places = [], at = {};
+    const xs = [], ys = [], places = [], faint = [], at = {}, judge = clips && judged.every((dim) => dims.includes(dim));
     for (let n = 0; n < total; n++) {
       let rest = n;
       for (let k = dims.length - 1; k >= 0; k--) { at[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); }
       const x = chosen.x.figure.value(at, chosen.x.inner), y = chosen.y.figure.value(at, chosen.y.inner);
-      if (Number.isFinite(x) && Number.isFinite(y) && (!logX || x > 0) && (!logY || y > 0)) { xs.push(x); ys.push(y); places.push(n); }
+      if (Number.isFinite(x) && Number.isFinite(y) && (!logX || x > 0) && (!logY || y > 0)) { xs.push(x); ys.push(y); places.push(n); faint.push(judge ? clips(at) : false); }
     }
     const place = (i) => { let rest = places[i]; const found = {}; for (let k = dims.length - 1; k >= 0; k--) { found[dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); } return found; };
     const number = (where) => dims.reduce((a, dim, k) => a * sizes[k] + where[dim], 0);
     const index = new Map(places.map((n, i) => [n, i]));
-    current = { dims, xs, ys, place, front: paretoFront(xs, ys, moreX, moreY), here: () => index.get(number(state.at)) ?? -1 };
+    const able = faint.every((one) => one) ? faint.map(() => false) : faint; // where all of them clip, they are compared
+    current = { dims, xs, ys, place, faint: able, front: paretoFront(xs.map((x, i) => (able[i] ? NaN : x)), ys, moreX, moreY), here: () => index.get(number(state.at)) ?? -1 };
   };
   sized(plot, (width) => {
-    const { dims, xs, ys, place, front, here } = current;
-    const saying = (i) => (i < 0 ? 'Point at a dot; click to go there.' : `${withUnit(xs[i], chosen.x.figure.units)} · ${withUnit(ys[i], chosen.y.figure.units)} at ${where(dims, place(i))}`);
-    scatter(plot, width, { x: { range: extent(xs, logX), log: logX, label: `${axisLabel(chosen.x)}, ${moreX ? 'more is better →' : '← less is better'}` }, y: { range: extent(ys, logY), log: logY, label: `${moreY ? '↑ more' : '↓ less'} is better: ${axisLabel(chosen.y)}` }, points: { x: xs, y: ys }, front, here: here(), pick: (i) => move(place(i)), saying });
+    const { dims, xs, ys, place, faint, front, here } = current;
+    const saying = (i) => (i < 0 ? 'Point at a dot; click to go there.' : `${withUnit(xs[i], chosen.x.figure.units, KNOWN)} · ${withUnit(ys[i], chosen.y.figure.units, KNOWN)} at ${where(dims, place(i))}${faint[i] ? ', clips' : ''}`);
+    scatter(plot, width, { x: { range: extent(xs, logX), log: logX, label: `${axisLabel(chosen.x)}, ${moreX ? 'more is better →' : '← less is better'}` }, y: { range: extent(ys, logY), log: logY, label: `${moreY ? '↑ more' : '↓ less'} is better: ${axisLabel(chosen.y)}` }, points: { x: xs, y: ys, faint }, front, here: here(), pick: (i) => move(place(i)), saying });
   });
   const drawTable = () => {
-    const { dims, xs, ys, place, front } = current, shown = front.slice(0, 12);
-    clear(table, front.length ? tableOf(['', ...dims.map((dim) => axisOf(dim).label), axisLabel(chosen.x), axisLabel(chosen.y)], shown.map((i, k) => [String(k + 1), ...dims.map((dim) => axisValue(axisOf(dim), place(i)[dim])), say(xs[i]), say(ys[i])]), 1 + dims.length) : null,
-      el('p', { class: 'note' }, `${plural(front.length, 'cell')} of ${count(xs.length)} on the front: nothing else is at least as good in both. ${front.length > 12 ? 'The first 12. ' : ''}`, csvButton('front as CSV', 'front', () => [[...dims, chosen.x.id, chosen.y.id], ...front.map((i) => [...dims.map((dim) => axisOf(dim).values[place(i)[dim]]), xs[i], ys[i]])])));
+    const { dims, xs, ys, place, faint, front } = current, burnt = faint.filter((one) => one).length, shown = front.slice(0, 12);
+    clear(table, front.length ? tableOf(['', ...dims.map((dim) => axisOf(dim).label), axisLabel(chosen.x), axisLabel(chosen.y)], shown.map((i, k) => [String(k + 1), ...dims.map((dim) => axisValue(axisOf(dim), place(i)[dim])), say(xs[i], KNOWN), say(ys[i], KNOWN)]), 1 + dims.length) : null,
+      el('p', { class: 'note' }, `${plural(front.length, 'cell')} of ${count(xs.length)} on the front: nothing else is at least as good in both${burnt ? ` and clips no more than ${percentOf(clipped)} of pixels or white; ${plural(burnt, 'cell')} that ${burnt === 1 ? 'does' : 'do'} ${burnt === 1 ? 'is' : 'are'} drawn faint` : ''}. ${front.length > 12 ? 'The first 12. ' : ''}`, csvButton('front as CSV', 'front', () => [[...dims, chosen.x.id, chosen.y.id], ...front.map((i) => [...dims.map((dim) => axisOf(dim).values[place(i)[dim]]), xs[i], ys[i]])])));
   };
   const again = () => { collect(); drawControls(); plot.redraw(); drawTable(); };
   const able2 = options(able);

@@ -39,9 +39,9 @@ function heatMap(host, width, { across, down, value, units, meanings, log, at, p
     pen.fillRect(left + i * cellWidth, top + (rows - 1 - j) * cellHeight, Math.max(cellWidth - gap, 0.6), Math.max(cellHeight - gap, 0.6));
   }
   const texts = svg('g', { class: 'numbers' });
-  const digits = cellWidth > 58 ? 4 : 3, fits = cellWidth >= 34 && cellHeight >= 16 && rows * columns <= 900;
+  const fits = cellWidth >= 34 && cellHeight >= 16 && rows * columns <= 900;
   if (fits) for (let j = 0; j < rows; j++) for (let i = 0; i < columns; i++) {
-    const v = all[j * columns + i], name = meanings.length ? named(meanings[v] || '') : say(v, digits);
+    const v = all[j * columns + i], name = meanings.length ? named(meanings[v] || '') : say(v, KNOWN);
     if (name.length * 6.2 > cellWidth && meanings.length) continue;
     texts.append(svg('text', { x: left + (i + 0.5) * cellWidth, y: top + (rows - 0.5 - j) * cellHeight + 4, 'text-anchor': 'middle', class: `${name.length * 6.4 > cellWidth - 4 ? 'small ' : ''}${!Number.isFinite(v) ? 'none' : meanings.length || !bright(tint(v)) ? 'light' : 'dark'}` }, name));
   }
@@ -60,7 +60,7 @@ function heatMap(host, width, { across, down, value, units, meanings, log, at, p
   const read = el('p', { class: 'readout' });
   const saying = (i, j) => {
     const v = all[j * columns + i], there = [`${across.label} ${axisValue(across, i)}`, down ? `${down.label} ${axisValue(down, j)}` : ''].filter(Boolean).join(', ');
-    clear(read, el('strong', {}, meanings.length ? named(meanings[v] || '–') : withUnit(v, units)), ` at ${there}`);
+    clear(read, el('strong', {}, meanings.length ? named(meanings[v] || '–') : withUnit(v, units, KNOWN)), ` at ${there}`);
   };
   const cellOf = (event) => {
     const b = root.getBoundingClientRect(), i = Math.floor((event.clientX - b.left - left) / cellWidth), j = rows - 1 - Math.floor((event.clientY - b.top - top) / cellHeight);

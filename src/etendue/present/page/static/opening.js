@@ -11,12 +11,12 @@ function openingPart(doc, scalars) {
   const on = front && [front.x, front.y].map((one) => scalars.find((s) => isSaid(s, one)));
   const figuresOf = el('dl', { class: 'big open' });
   follow(() => clear(figuresOf, numbers.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, named(s.figure.variable)), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner))), el('dd', { class: 'soft' }, s.figure.label)))));
-  const moved = el('p', { class: 'note moved' });
-  follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]); clear(moved, here || !dims.length ? null : [`Picture and figures are of ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
+  const moved = el('p', { class: 'note moved' }), limitHead = el('h3', {}), wrongHead = el('h3', {});
+  follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]), of = here ? 'it' : front ? 'the choice' : 'where the page begins'; clear(limitHead, `What limits ${of}`); clear(wrongHead, `How far ${of} may be wrong`); clear(moved, here || !dims.length ? null : [`${picture ? 'Picture and figures' : 'Figures'} are of ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
   const swept = doc.axes.filter((axis) => axis.values.length > 1), title = front ? `${doc.words.build} ${front.dims.map((dim) => called(axisOf(dim), doc.start[dim])).join(', ')}` : swept.length ? `One ${doc.words.place} of the sweep` : `The ${doc.words.place}`;
-  const words = el('div', { class: 'words' }, front ? el('p', { class: 'why' }, whyOf(front, on, doc.words)) : el('p', { class: 'why' }, swept.length ? `At ${where(swept.map((a) => a.dim), doc.start)}; the sliders choose another. No two figures of this sweep stand against each other: there is nothing to choose by.` : doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}.` : `One ${doc.words.cell}, nothing swept.`), moved, front ? frontPlot(doc, front, on) : null);
+  const words = el('div', { class: 'words' }, front ? [el('p', { class: 'why' }, whyOf(front, on, doc.words)), rangesOf(front, doc.start)] : el('p', { class: 'why' }, swept.length ? `At ${where(swept.map((a) => a.dim), doc.start)}; the sliders choose another. No two figures of this sweep stand against each other: there is nothing to choose by.` : doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}.` : `One ${doc.words.cell}, nothing swept.`), moved, front ? frontPlot(doc, front, on) : null);
   const limit = limitsOf(doc, limits, front, on), wrong = errorOf(doc, error);
-  const below = [limit.length ? el('div', { class: 'limits' }, el('h3', {}, 'What limits it'), limit) : null, el('div', { class: 'wrong' }, el('h3', {}, 'How far it may be wrong'), wrong)];
+  const below = [limit.length ? el('div', { class: 'limits' }, limitHead, limit) : null, el('div', { class: 'wrong' }, wrongHead, wrong)];
   const kept = el('div', { class: 'kept' }, el('h3', {}, 'In figures'), figuresOf);
   const made = section('cell', title, '', el('div', { class: `card first${picture ? '' : ' plain'}${front ? '' : ' alone'}` },
     picture, el('div', {}, words, front ? null : kept, front ? null : el('div', { class: 'beneath two-up' }, below)),
@@ -75,19 +75,38 @@ function whyOf(front, on, words) {
     all ? ` All of them ${say_as([words.over, words.over_what])}.` : front.burnt ? ` ${say_as([plural(front.burnt, words.cell), 'that', front.burnt === 1 ? words.overs : words.over, words.over_what, front.burnt === 1 ? 'is' : 'are'])} drawn faint.` : ''];
 }
 
+// What was swept, and which values of the choice have nothing beyond them: there the best may lie outside.
+function rangesOf(front, at) {
+  const axes = front.dims.map(axisOf).filter((axis) => axis.values.length > 1), ends = [];
+  const ranges = axes.map((axis) => {
+    if (axis.text) return `${axis.label} ${listed(axis.values.map(String))}`;
+    const order = axis.values.map((_, i) => i).sort((a, b) => axis.values[a] - axis.values[b]), [least, most] = [order[0], order[order.length - 1]];
+    if (at[axis.dim] === least || at[axis.dim] === most) ends.push(axis.prefix ? axisValue(axis, at[axis.dim]) : called(axis, at[axis.dim]));
+    return `${axis.label} ${axisValue(axis, least)} to ${axisValue(axis, most)}`;
+  });
+  return el('p', { class: 'why swept' }, `Swept: ${ranges.join(', ')}.`, ends.length ? el('strong', {}, ` ${listed(ends)} ${ends.length === 1 ? 'is at the end of its axis' : 'are at the ends of their axes'}: try beyond.`) : null);
+}
+
+// Whether a cell clips too much to be chosen; null where none does.
+function clipsOf(front) {
+  if (!front || !front.usable) return null;
+  const usable = column(state.bytes, front.usable), sizes = front.dims.map((dim) => axisOf(dim).values.length);
+  return (at) => !usable[front.dims.reduce((a, dim, k) => a * sizes[k] + at[dim], 0)];
+}
+
 function frontPlot(doc, front, on) {
   const [x, y] = on, plot = el('div', { class: 'plot', id: 'front' }), sizes = front.dims.map((dim) => axisOf(dim).values.length), total = sizes.reduce((a, b) => a * b, 1);
   const place = (n) => { let rest = n; const found = {}; for (let k = front.dims.length - 1; k >= 0; k--) { found[front.dims[k]] = rest % sizes[k]; rest = Math.floor(rest / sizes[k]); } return found; };
-  const number = (at) => front.dims.reduce((a, dim, k) => a * sizes[k] + at[dim], 0), usable = front.usable && column(state.bytes, front.usable);
-  const kind = (k) => ({ label: `${on[k].figure.label.split(',')[0]}${on[k].figure.units ? `, ${unit(on[k].figure.units)}` : ''}`, better: front.better[k] === 'higher' });
+  const number = (at) => front.dims.reduce((a, dim, k) => a * sizes[k] + at[dim], 0), clips = clipsOf(front);
+  const kind = (k) => ({ label: `${named(on[k].figure.variable)}${on[k].figure.units ? `, ${unit(on[k].figure.units)}` : ''}`, better: front.better[k] === 'higher' });
   sized(plot, (width) => {
     const xs = [], ys = [], cells = [], faint = [];
     for (let n = 0; n < total; n++) {
       const at = place(n), a = x.figure.value(at, x.inner), b = y.figure.value(at, y.inner);
-      if (Number.isFinite(a) && Number.isFinite(b)) { xs.push(a); ys.push(b); cells.push(n); faint.push(usable ? !usable[n] : false); }
+      if (Number.isFinite(a) && Number.isFinite(b)) { xs.push(a); ys.push(b); cells.push(n); faint.push(clips ? clips(at) : false); }
     }
     const index = new Map(cells.map((n, i) => [n, i])), line = front.on.map((at) => index.get(number(at))).filter((i) => i !== undefined);
-    const saying = (i) => (i < 0 ? ' ' : [`${withUnit(xs[i], x.figure.units)} · ${named(y.figure.variable)} ${withUnit(ys[i], y.figure.units, 3)} at ${where(front.dims, place(cells[i]))}${faint[i] ? `, ${doc.words.overs}` : ''}`]);
+    const saying = (i) => (i < 0 ? ' ' : [`${named(x.figure.variable)} ${withUnit(xs[i], x.figure.units, KNOWN)}, ${named(y.figure.variable)} ${withUnit(ys[i], y.figure.units, KNOWN)} at ${front.dims.map((dim) => axisValue(axisOf(dim), place(cells[i])[dim])).join(', ')}${faint[i] ? `, ${doc.words.overs}` : ''}`]);
     const [a, b] = [kind(0), kind(1)];
     scatter(plot, width, { height: 240, x: { range: extent(xs), label: `${a.label}${a.better ? ' →' : ', ← less is better'}` }, y: { range: extent(ys, false, true), label: `${b.better ? '↑' : '↓ less is better:'} ${b.label}` }, points: { x: xs, y: ys, faint }, front: line, here: index.get(number(state.at)) ?? -1, star: index.get(number(doc.start)), pick: (i) => move(place(cells[i])), saying });
   });

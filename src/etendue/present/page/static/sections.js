@@ -89,8 +89,8 @@ function sliders(doc) {
 
 function glance(doc) {
   const swept = doc.axes.map((axis) => [axis.label, axis.values.length > 6 || !axis.values.length ? `${axisValue(axis, 0)} … ${axisValue(axis, axis.values.length - 1)}` : axis.values.map((_, i) => axisValue(axis, i)).join(', '), `${axis.values.length} values`]);
-  const row = (one) => [named(one.name), withUnit(one.value, one.units), one.what];
-  const shared = doc.camera, { quantities: order, off } = doc.first, whole = doc.words.whole;
+  const row = (one) => [named(one.name), withUnit(one.value, one.units, EXACT), one.what];
+  const shared = doc.shared, { quantities: order, off } = doc.first, whole = doc.words.whole;
   const listed = shared.filter((one) => order.includes(one.name) && !(Object.hasOwn(off, one.name) && one.value === off[one.name])).sort((a, b) => order.indexOf(a.name) - order.indexOf(b.name));
   const first = order.length ? listed : shared, rest = shared.filter((one) => !first.includes(one));
   const facts = (rows) => el('dl', { class: 'facts-list' }, rows.map(([name, value, what]) => el('div', { title: what }, el('dt', {}, name), el('dd', {}, value))));
@@ -125,7 +125,7 @@ function addedPart(one) {
 // ---- where it comes from
 
 function provenance(doc) {
-  const p = doc.provenance, versions = (map) => Object.entries(map).map(([name, version]) => `${name} ${say(version)}`).join(', ');
+  const p = doc.provenance, versions = (map) => Object.entries(map).map(([name, version]) => `${name} ${say(version, EXACT)}`).join(', ');
   const command = (text, what) => el('div', { class: 'command' }, el('code', {}, text), el('span', {}, what));
   const again = [
     command(`etendue reproduce ${doc.archive}`, 'computes it again from the archive alone, and compares every cell'),

@@ -9,8 +9,8 @@ function tableOf(head, rows, numbersFrom = 1, empty = 'Nothing.') {
 
 function figureRows(scalars) {
   return scalars.map((s) => {
-    const r = rangeOf(s), value = s.figure.value(state.at, s.inner), words = (v) => (s.figure.meanings.length ? s.figure.words(v) : say(v));
-    return [el('span', { title: dotsOf(s) }, s.name), named(s.figure.stage), words(value), r.known ? words(r.low) : '–', r.known && !s.figure.meanings.length ? say(r.mean) : '–', r.known ? words(r.high) : '–', unit(s.figure.units)];
+    const r = rangeOf(s), value = s.figure.value(state.at, s.inner), words = (v) => (s.figure.meanings.length ? s.figure.words(v) : say(v, KNOWN));
+    return [el('span', { title: dotsOf(s) }, s.name), named(s.figure.stage), words(value), r.known ? words(r.low) : '–', r.known && !s.figure.meanings.length ? say(r.mean, KNOWN) : '–', r.known ? words(r.high) : '–', unit(s.figure.units)];
   });
 }
 const figureTable = (scalars) => {

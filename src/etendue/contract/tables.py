@@ -1,0 +1,54 @@
+"""The table of a pipeline file under which shared quantities stand, and the word in it that names many values at once.
+
+In:  what distributions bring by ``etendue_tables``; a document.
+Out: ``Table``. ``[shared]`` is one that every file may have; a domain may give it a name of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from etendue.plugins import discovery
+
+SHARED = "shared"
+
+
+@dataclass(frozen=True)
+class Table:
+    """``preset``: the key, and axis, that names a set of values, '' for none; ``presets``: the hook that brings such sets; ``listed``: the
+    command that lists them."""
+
+    preset: str = ""
+    presets: str = ""
+    listed: str = ""
+    name: str = SHARED
+
+    def place(self, name: str) -> str:
+        """How a quantity is written from outside the table."""
+        return f"{self.name}.{name}"
+
+
+@cache
+def tables() -> dict[str, Table]:
+    """All tables by name, the one that needs no distribution last."""
+    found = discovery.installed()
+    own = {
+        name: discovery.made_of(Table, f"the table {name!r}", brought)
+        for name in found.names("tables")
+        if (brought := found.first("tables", name))
+    }
+    return {**{name: replace(table, name=name) for name, table in own.items()}, SHARED: Table()}
+
+
+def table_in(document: Mapping[str, Any]) -> Table:
+    """The table that a document has; of one that has none the first that there is."""
+    every = tables()
+    return next((table for name, table in every.items() if name in document), next(iter(every.values())))
+
+
+def preset_keys() -> frozenset[str]:
+    """The words that name presets, in any table."""
+    return frozenset(table.preset for table in tables().values() if table.preset)
