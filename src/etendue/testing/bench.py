@@ -168,7 +168,7 @@ class Bench:
         if dim in self.coordinates:
             return self.coordinates[dim]
         if wording.is_binned(dim):
-            return Bands(edges_of(dim))
+            return Bands(wording.dims()[dim].example or EDGES)
         if dim in ("y", "x"):
             size = frame[0 if dim == "y" else 1]
             if wording.binned((*declaration.dims, *_usual(declaration))):
@@ -348,14 +348,9 @@ def _usual(declaration: Declaration) -> tuple[str, ...]:
     return () if declaration.dims else tuple(variables.variable(looks(declaration)).dims) if looks(declaration) else ()
 
 
-def edges_of(dim: str) -> tuple[float, ...]:
-    """Edges of bins along a dim, with which stages are tried."""
-    return wording.dims()[dim].example or EDGES
-
-
 def edges() -> tuple[float, ...]:
-    """The same of the dim that has bins."""
-    return next((edges_of(dim) for dim, one in wording.dims().items() if one.bins), EDGES)
+    """Edges of bins, with which stages are tried."""
+    return next((one.example or EDGES for one in wording.dims().values() if one.bins), EDGES)
 
 
 def sheet() -> Sheet:
