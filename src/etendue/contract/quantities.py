@@ -28,9 +28,9 @@ class Quantity(Parameter):
 
     shared: bool = True
     long_name: str = ""
-    scales: str = ""
     prefix: str = ""
     off: float | None = None
+    scales: str = ""
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
     def __post_init__(self) -> None:

@@ -101,7 +101,7 @@ def sheet(
     frames = render(plan, shown, small)
     if not frames:
         return None
-    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_still(plan)}"
+    table, title = frames_table(frames), f"{plan.pipeline.name}{at}{_shared(plan)}"
     table["attrs"]["cell"] = {dim: value for ref in shown.values() for dim, value in plan.labels(ref).items()}
     return Sheet(table, lambda path: contact_sheet(table, path, title, maps()), tuple(shown.values()), at)
 
@@ -112,7 +112,7 @@ def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
     return Sheet({}, lambda path: with_maps(path, before, maps()), (), "") if before.is_file() else None
 
 
-def _still(plan: Plan) -> str:
+def _shared(plan: Plan) -> str:
     """What would go first along a side and is not swept, behind the axis values of a title."""
     swept, texts = {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, []  # or found by a stage
     for name in first("sides"):

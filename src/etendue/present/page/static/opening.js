@@ -81,7 +81,7 @@ function rangesOf(front, at) {
   const ranges = axes.map((axis) => {
     if (axis.text) return `${axis.label} ${listed(axis.values.map(String))}`;
     const order = axis.values.map((_, i) => i).sort((a, b) => axis.values[a] - axis.values[b]), [least, most] = [order[0], order[order.length - 1]];
-    if (at[axis.dim] === least || at[axis.dim] === most) ends.push(called(axis, at[axis.dim]));
+    if (at[axis.dim] === least || at[axis.dim] === most) ends.push(axis.prefix ? axisValue(axis, at[axis.dim]) : called(axis, at[axis.dim]));
     return `${axis.label} ${axisValue(axis, least)} to ${axisValue(axis, most)}`;
   });
   return el('p', { class: 'why swept' }, `Swept: ${ranges.join(', ')}.`, ends.length ? el('strong', {}, ` ${listed(ends)} ${ends.length === 1 ? 'is at the end of its axis' : 'are at the ends of their axes'}: try beyond.`) : null);
