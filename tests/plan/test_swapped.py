@@ -21,11 +21,11 @@ def planned(**overrides):
 
 def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_leaves_out():
     plan = planned(
-        **{"scene.use": "photograph", "scene.file": "package:etendue/data/examples/picture.png", "demosaic.use": "demosaic_bilinear"}
+        **{"scene.use": "photograph", "scene.file": "package:etendue_camera/data/examples/picture.png", "demosaic.use": "demosaic_bilinear"}
     )
     (scene,) = plan.of("scene")
     assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 250, 700)
-    cube = planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue/data/examples/cube.zarr", "scene.spacing": "60 um"})
+    cube = planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.spacing": "60 um"})
     (note,) = (one for one in cube.warnings if "in its place" in one)
     assert "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width" in note
     assert "have them: white_luminance" in note
@@ -33,7 +33,7 @@ def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_l
 
 def test_what_is_set_on_the_command_line_is_never_left_out_silently():
     with pytest.raises(RequestError, match="radiance_cube has no parameter 'width'"):
-        planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue/data/examples/cube.zarr", "scene.width": "3 um"})
+        planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.width": "3 um"})
 
 
 @pytest.mark.parametrize("use", ["sharpen", "denoise"])

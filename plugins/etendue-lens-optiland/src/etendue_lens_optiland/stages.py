@@ -31,18 +31,18 @@ class RealLens(Stage):
     libraries: ClassVar[tuple[str, ...]] = ("optiland",)
     negative: ClassVar[str] = "keep"
 
-    lens: str = param("ReverseTelephoto", camera=True, doc="a sample lens of optiland; not read where there is a prescription")
-    prescription: str = param("", camera=True, file=True, doc="a Zemax file .zmx or a table of surfaces .csv; '' for the sample lens")
+    lens: str = param("ReverseTelephoto", shared=True, doc="a sample lens of optiland; not read where there is a prescription")
+    prescription: str = param("", shared=True, file=True, doc="a Zemax file .zmx or a table of surfaces .csv; '' for the sample lens")
     focal_length: float = quantity("focal_length")
     f_number: float = quantity("f_number")
     reference_wavelength: float = param(
-        550.0, camera=True, units="nm", at_least=300, at_most=2000, doc="at which focal length, f-number and focus hold"
+        550.0, shared=True, units="nm", at_least=300, at_most=2000, doc="at which focal length, f-number and focus hold"
     )
     focus: str = param(
-        "design", camera=True, choices=FOCUS, doc="image plane: as designed, paraxial, or where the axial wavefront is smoothest (rms)"
+        "design", shared=True, choices=FOCUS, doc="image plane: as designed, paraxial, or where the axial wavefront is smoothest (rms)"
     )
     aiming: str = param(
-        "stop", camera=True, choices=AIMING, doc="light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)"
+        "stop", shared=True, choices=AIMING, doc="light fills the stop, or the paraxial entrance pupil at every angle (unaimed rays)"
     )
 
     def opened(self) -> Lens:

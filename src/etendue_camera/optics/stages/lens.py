@@ -108,7 +108,7 @@ class LensPsf(Blur, Transfer):
     radial: ClassVar = True
     gain: ClassVar[float | None] = None  # of a ring it has no bound that holds for every grid
 
-    file: str = param(file=True, example="package:etendue/data/examples/psf.csv", doc="CSV with columns radius_um, psf")
+    file: str = param(file=True, example="package:etendue_camera/data/examples/psf.csv", doc="CSV with columns radius_um, psf")
     nodes: int = param(
         16384, at_least=64, held=(64, 1_000_000), fidelity=True, example=256,
         reference="262144: direct evaluation but for 1e-8", settings=(256, 1024, 4096, 16384, 65536, 262_144),

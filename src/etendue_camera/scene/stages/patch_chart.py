@@ -29,7 +29,7 @@ class PatchChart(Scene):
     nanoseconds: ClassVar = 12.0
 
     reflectances: str = param(
-        file=True, example="package:etendue/data/examples/reflectances.csv",
+        file=True, example="package:etendue_camera/data/examples/reflectances.csv",
         doc="CSV wavelength_nm, then a column of reflectance (0 to 1) for each patch",
     )  # fmt: skip
     across: int = param(

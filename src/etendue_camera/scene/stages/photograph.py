@@ -53,7 +53,7 @@ class Photograph(Scene):
 
     file: str = param(
         file=True,
-        example="package:etendue/data/examples/picture.png",
+        example="package:etendue_camera/data/examples/picture.png",
         doc="the picture; package:matplotlib/... names a file of an installed distribution",
     )
     working: ClassVar = 1.0
