@@ -128,7 +128,7 @@ def test_every_smooth_table_is_what_the_interpolator_of_the_library_gives():
 
 @pytest.mark.bits
 def test_the_shipped_file_is_what_the_command_makes_now():
-    data = (files("etendue") / "data" / "spectra.npz").read_bytes()
+    data = (files("etendue_camera") / "data" / "spectra.npz").read_bytes()
     assert shipped.packed(shipped.made()) == data
 
 

@@ -201,7 +201,7 @@ ARCHIVES: dict[str, Act] = {
     "pipeline names a file outside": leads_to("@OUTSIDE@/secret.txt"),
     "pipeline climbs out of inputs": leads_to("../inputs/../../../outside/secret.txt"),
     "pipeline climbs out of a package": leads_to("package:numpy/../../../../../../../../../../etc/passwd"),
-    "pipeline names a file of a package": leads_to("package:etendue/data/silicon_absorption.csv"),
+    "pipeline names a file of a package": leads_to("package:etendue_camera/data/silicon_absorption.csv"),
     "pipeline names /dev/zero": leads_to("/dev/zero"),
     "pipeline lifts the bound of cells": pipeline_edited(lambda text: swept_beyond(text, r"^f_number = .*$")),
     "input is a link": replaced("inputs/*", link),

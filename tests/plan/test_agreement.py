@@ -71,7 +71,7 @@ COLOUR = ("demosaic_bilinear", "colour_fit", "camera_to_xyz")
 def test_equal_names_have_equal_defaults_or_a_reason():
     """Whatever else is installed: what strangers call their parameters is theirs."""
     registry, found, own = installed_stages(), {}, {}
-    beside = tomllib.loads((files("etendue") / "data" / "plugins.toml").read_text())
+    beside = tomllib.loads((files("etendue_camera") / "data" / "plugins.toml").read_text())
     for name in registry.names():
         distribution = registry.installed(name).distribution
         if distribution != "etendue" and distribution not in beside:
