@@ -25,7 +25,9 @@ def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_l
     )
     (scene,) = plan.of("scene")
     assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 250, 700)
-    cube = planned(**{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.spacing": "60 um"})
+    cube = planned(
+        **{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.spacing": "60 um"}
+    )
     (note,) = (one for one in cube.warnings if "in its place" in one)
     assert "radiance_cube has no width, height, cycles, highest_frequency, wavelength_from, wavelength_to, bin_width" in note
     assert "have them: white_luminance" in note

@@ -18,6 +18,7 @@ import numpy as np
 
 from etendue.contract.stage import Stage
 from etendue.contract.variables import Declaration, variable
+from etendue.contract.wording import Unit, units
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,8 @@ def full_scale(reference: Any, known: Any, declaration: Declaration, stage: Stag
         return full
     largest = float(np.abs(reference[known]).max()) or 1.0
     if {"y", "x"} <= set(declaration.dims):
-        if declaration.unit == "DN":
-            codes, black = getattr(stage, "bits", None), getattr(stage, "black_level", 0.0)
+        if name := units().get(declaration.unit, Unit()).bits:
+            codes, black = getattr(stage, name, None), getattr(stage, variable(declaration.variable).black, 0.0)
             return largest if codes is None else float(2**codes - 1 - black)
         return 1.0 if declaration.unit == "1" else largest
     if set(declaration.dims) - {"stage"}:

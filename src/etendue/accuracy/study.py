@@ -19,6 +19,7 @@ from etendue.accuracy.frontier import ROUNDING, Convergence, cheapest, combinati
 from etendue.accuracy.measuring import Measurement, Wanted
 from etendue.accuracy.reference import Knob, knobs_of, reference_of, with_settings
 from etendue.compute.tables import TABLES
+from etendue.contract.dims import banded
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of
 from etendue.contract.variables import variable as known_variable
@@ -343,12 +344,12 @@ def affected(plan: Plan, knob: Knob) -> frozenset[str]:
 
 
 def own_variables(plan: Plan, stage: str) -> tuple[Wanted, ...]:
-    """Where the error of a stage is found: all figures of a probe, else the first variable without wavelength from the stage on."""
+    """Where the error of a stage is found: all figures of a probe, else the first variable without bands from the stage on."""
     reached = behind(plan, [stage])
     for node in plan.nodes:
         if node.name == stage and node.is_probe:
             return tuple((stage, name) for name in node.writes)
         for name, declaration in node.writes.items() if node.name in reached and not node.is_probe else ():
-            if "wavelength" not in declaration.dims and declaration.dims:
+            if not banded(declaration.dims) and declaration.dims:
                 return ((node.name, name),)
     return ()

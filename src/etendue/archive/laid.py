@@ -114,7 +114,7 @@ class Laid:
     def _lay_out_variable(self, tree: Tree, path: str, layout: GroupLayout, variable: VariableLayout, merged: dict[str, list[Any]]) -> None:
         sizes = tuple(len(values) for values in merged.values())
         shape, dims = (*sizes, *variable.shape), (*merged, *variable.dims)
-        beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and n != BOUNDS and set(c.dims) <= set(dims)]
+        beside = [n for n, c in layout.coordinates.items() if c.dims != (n,) and not n.endswith(BOUNDS) and set(c.dims) <= set(dims)]
         beside += layouts.coordinates_of(layout, variable)
         attrs = variable.attrs | ({"coordinates": " ".join(sorted(beside))} if beside else {})
         one = self.blocks[path][variable.name]

@@ -14,6 +14,7 @@ from etendue.archive.drawing import drawing_attributes
 from etendue.archive.groups import Before, alike, groups_of
 from etendue.archive.naming import Homes, Whole
 from etendue.contract import quantities
+from etendue.contract.dims import dim as declared
 from etendue.contract.grid import Bands, Coordinate, Labels, Line
 from etendue.contract.variables import NOT_IN_IT, variable
 from etendue.plan.marks import not_in_it
@@ -26,7 +27,7 @@ STATUS_ATTRIBUTES = {
     "flag_values": [0, 1, 2, 3, 4],
     "flag_meanings": " ".join(STATUS),
 }
-BOUNDS = "wavelength_bounds"
+BOUNDS = "_bounds"  # behind the name of a dim of bands: their edges
 
 
 @dataclass
@@ -165,11 +166,14 @@ def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
 def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:
     first = next(iter(by_cell.values()))
     if isinstance(first, Bands):
+        said = declared(dim)
+        name, standard = said.long_name or dim, {"standard_name": said.standard_name} if said.standard_name else {}
         group.coordinates[dim] = CoordinateLayout(
-            (dim,), first.values(), {"units": "nm", "long_name": "wavelength", "standard_name": "radiation_wavelength", "bounds": BOUNDS}
+            (dim,), first.values(), {"units": said.units, "long_name": name, **standard, "bounds": f"{dim}{BOUNDS}"}
         )
         bounds = [list(pair) for pair in zip(first.edges[:-1], first.edges[1:], strict=True)]
-        group.coordinates[BOUNDS] = CoordinateLayout((dim, "bound"), bounds, {"units": "nm", "long_name": "edges of the wavelength bins"})
+        edges = {"units": said.units, "long_name": f"edges of the {name} bins"}
+        group.coordinates[f"{dim}{BOUNDS}"] = CoordinateLayout((dim, "bound"), bounds, edges)
         return
     if isinstance(first, Labels):
         attrs = {"long_name": dim} | ({"units": first.units} if first.units else {})

@@ -144,8 +144,8 @@ class MemoryKeeper:
         coordinates = {  # a variable named like its own axis stands in the place of the axis values, as in the store
             name: (c.dims, np.asarray(c.values), c.attrs) for name, c in layout.coordinates.items() if name not in data
         }
-        if BOUNDS in coordinates:
-            data[BOUNDS] = coordinates.pop(BOUNDS)
+        for name in [name for name in coordinates if str(name).endswith(BOUNDS)]:
+            data[name] = coordinates.pop(name)
         beside = {name for variable in layout.variables.values() for name in coordinates_of(layout, variable)}
         coordinates |= {name: data.pop(name) for name in beside}
         return xarray.Dataset(data, coordinates, layout.attrs)

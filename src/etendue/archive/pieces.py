@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.dims import is_light
 from etendue.plan import cost
 
 LARGEST_CHUNK = 64 << 20  # bytes; a cell above it is cut in row bands
@@ -28,7 +29,7 @@ Window = tuple[tuple[int, int], ...]  # from where to where along each dim of a 
 def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
     """The shape of the chunks of a cell; its own where it is one chunk."""
     whole = tuple(max(n, 1) for n in shape)
-    if tuple(dims) == ("wavelength", "y", "x") and itemsize * prod(shape) > cost.LARGEST_WHOLE:  # it is made by band; Blosc refuses 2 GiB
+    if len(dims) == 3 and is_light(dims) and itemsize * prod(shape) > cost.LARGEST_WHOLE:  # it is made by band; Blosc refuses 2 GiB
         whole = (1, *whole[1:])
     size = itemsize * prod(whole)
     if size <= LARGEST_CHUNK or tuple(dims)[-2:] != ("y", "x"):

@@ -3,7 +3,7 @@
 In:  the text of a file, the document in it, the number of something.
 Out: nothing; or one ``Fault`` with the number, the limit and what to do.
 
-A limit lies far above what a camera has and far below what hurts: planning a cell takes 0.1 ms and 6 kB.
+A limit lies far above what anybody has and far below what hurts: planning a cell takes 0.1 ms and 6 kB.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Variables: their declarations, ``"wavelength y x [W m-2 nm-1]"``, and what distributions say they mean.
+"""Variables: their declarations, ``"channel y x [1]"``, and what distributions say they mean.
 
 In:  the text beside a port in a stage's ``reads`` or ``writes``; the name of a variable.
 Out: name, dims, unit, dtype and whether undefined values are allowed; meaning and how it is shown.
@@ -27,10 +27,10 @@ BETTER = ("", "higher", "lower")
 class Variable:
     """What a distribution says of a variable: meaning, unit, and how a contact sheet shows it.
 
-    ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a mosaic through its own filters);
+    ``shown``: '' not at all; ``linear`` light, charge or signal (bands as an eye sees them, a pattern through its own filters);
     ``encoded`` values for a display, as they are; ``unencoded`` what they are before their gamma, as it would look on the display without
     it; ``map`` numbers over y and x, grey. ``white`` is the linear value that is shown as white, None: what is bright in the first
-    picture; variables with one ``scale`` share what is bright in the last of them. ``black`` is a camera quantity that stands for
+    picture; variables with one ``scale`` share what is bright in the last of them. ``black`` is a shared quantity that stands for
     nothing; ``pattern`` one that names the filters in front of y and x. ``range`` has both ends of a map, None: its own; ``log``: in
     equal ratios. ``full``: what errors of it are relative to, where that does not follow from its declaration: 1 for a share. ``index``:
     it is a place in a list, right or wrong; ``names``: in the labels of this dim. ``flags`` names codes, ``masks`` bits that are added

@@ -20,6 +20,7 @@ WORDS = {
     "point": "setting",  # the same, as the head of a page counts it
     "place": "setting",  # and as the title of its opening names it
     "whole": "graph",  # all stages together
+    "frame": "frame",  # what takes a picture
     "build": "Choose",  # in front of the axis values of the choice
     "chain": "Each picture is what the stage named below it has made of the one before.",
     "strip": "From stage to stage",

@@ -15,9 +15,10 @@ from inspect import cleandoc
 from typing import Any
 
 from etendue.contract.capabilities import is_transfer
+from etendue.contract.dims import dim
 from etendue.contract.names import unfit_stage
 from etendue.contract.registry import OWN, Registry
-from etendue.contract.stage import parameters_of, reads_of, writes_of
+from etendue.contract.stage import identity_of, parameters_of, reads_of, writes_of
 from etendue.errors import Fault, RequestError, nearest
 from etendue.plugins import discovery
 
@@ -226,17 +227,14 @@ def _listed(word: str, ports: Mapping[str, Any]) -> str:
 
 
 COORDINATES = {
-    "y": "rows: where they stand, in pixels of the whole sensor behind it, in um on the image plane in front of it",
+    "y": "rows: where they stand, in pixels of the whole frame behind what takes it, in um on the image plane in front of it",
     "x": "columns, in the same way",
     "y_um": "rows: where they stand on the image plane, um",
     "x_um": "columns, in the same way",
-    "wavelength": "middles of the bands, nm",
-    "wavelength_edges": "edges of the bands, nm, one more than there are bands",
     "fy": "cycles/um along y",
     "fx": "cycles/um along x",
     "prepared": "what ``prepare`` gives, made once for many calls",
     "rng": "random numbers of this cell alone",
-    "rng_sensor": "patterns that stay with the sensor, each by its name: the same for every stage that asks for it",
     "asked": "names of the variables that are asked for",
 }
 
@@ -244,7 +242,23 @@ COORDINATES = {
 def _coordinates(one: Beginning) -> str:
     """The arguments that are no variables, a line each."""
     own = [p.name for p in _arguments(one)]
-    return "".join(f"``{name}``: {COORDINATES[name]}.\n" for name in own if name in COORDINATES)
+    return "".join(f"``{name}``: {said}.\n" for name in own if (said := _said_of(name)))
+
+
+def _said_of(name: str) -> str:
+    """What an argument is that is no variable; '' of one that is."""
+    if name in COORDINATES:
+        return COORDINATES[name]
+    if whose := identity_of(name):
+        return f"patterns that stay with the {whose}, each by its name: the same for every stage that asks for it"
+    bands = dim(name.removesuffix("_edges"))
+    if not bands.bins:
+        return ""
+    return (
+        f"edges of the bands, {bands.units}, one more than there are bands"
+        if name.endswith("_edges")
+        else f"middles of the bands, {bands.units}"
+    )
 
 
 def _method(one: Beginning) -> str:
@@ -252,7 +266,11 @@ def _method(one: Beginning) -> str:
     name, parameters = _computes(one), _arguments(one)
     asked = ", ".join(["self", *(_declared(p) for p in parameters)])
     given = ", ".join(p.name for p in parameters)
-    what = "what the stage multiplies the spectrum of the picture with" if name == "transfer" else "{variable: array} of all it writes"
+    what = (
+        "what the stage multiplies the Fourier transform of the picture with"
+        if name == "transfer"
+        else "{variable: array} of all it writes"
+    )
     return f"""
     def {name}({asked}) -> Any:
         # Your arithmetic in the place of this line; it gives {what}.

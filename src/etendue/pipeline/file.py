@@ -250,7 +250,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
         if isinstance(value, str):
             value = [value]
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            what = 'distributions, such as ["etendue-lens-optiland"]' if key == "requires" else "variables"
+            what = 'distributions, such as ["etendue-mine"]' if key == "requires" else "variables"
             faults.append(Fault(key, f"expected a list of {what}, got {as_written(value)}"))
             return None
         return tuple(value)

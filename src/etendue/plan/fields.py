@@ -1,4 +1,4 @@
-"""What the sensor sees of a scene: a chart wider than the field, or drawn softer than its pixels, told before anything is computed.
+"""What pixels see of a scene: a chart wider than the field, or drawn softer than its pixels, told before anything is computed.
 
 In:  cells of a plan.
 Out: notes, each with the axis values at which it is worst.
@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from etendue.contract.grid import Grid, Line
+from etendue.contract.wording import words
 from etendue.plan.model import Axis, Cell, CellRef, Node, scene_of
 
 CRISP = 0.25  # contrast at the pixels' Nyquist frequency that a rendering has to leave: two samples a pixel leave 0.29
@@ -18,7 +19,7 @@ SEEN = 0.5  # of the light's area: whatever lies around less than that was hardl
 
 
 class _Field(NamedTuple):
-    """Sides of the light in front of a sensor and of what its pixels take, and the pitch of these, um: (y, x)."""
+    """Sides of the light in front of pixels and of what they take, and the pitch of these, um: (y, x)."""
 
     light: tuple[float, float]
     taken: tuple[float, float]
@@ -58,7 +59,7 @@ def _cropped(node: Node, own: Sequence[tuple[_Field, Cell]], axes: Mapping[str, 
     counted = f" (to less than half of its area in {len(cropped)} of {len(own)} cells)" if len(own) > 1 else ""
     return [
         f"{node.name}: crops the light to its middle {_sides(least.taken)} of {_sides(least.light)}{at}{counted}; where the whole scene is "
-        "wanted, make its width and height smaller, or the sensor larger"
+        f"wanted, make its width and height smaller, or the {words()['frame']} larger"
     ]
 
 
@@ -77,7 +78,7 @@ def _softened(node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[Cel
     scene = scene_of(cells, cell)
     return [
         f"{scene.node}: what it is drawn with leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of {node.name}"
-        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than the camera's; take a finer spacing"
+        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than that of the {words()['whole']}; take a finer spacing"
     ]
 
 

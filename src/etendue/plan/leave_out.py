@@ -36,7 +36,7 @@ def decide(
     rule: Rule, stage: Stage, facts: Mapping[str, Facts], grids_in: Mapping[str, Grid], grids: Mapping[str, Grid],
     noises: Callable[[], list[Noisy] | None],
 ) -> LeftOut | None:  # fmt: skip
-    """Whether one cell is left out, and with which bound. ``noises``: every source of noise of the camera, or None: not known."""
+    """Whether one cell is left out, and with which bound. ``noises``: every source of noise of the pipeline, or None: not known."""
     if rule.tolerance is None or isinstance(stage, Summed) or not isinstance(stage, Bounded | Transfer):
         return None
     writes = [declaration for declaration in writes_of(type(stage)).values() if not declaration.optional]

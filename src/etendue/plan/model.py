@@ -182,7 +182,7 @@ def is_whole(cells: Mapping[CellRef, Cell], cell: Cell) -> bool:
 
 
 def pixel_of(cells: Sequence[Cell]) -> list[Cell]:
-    """Of the cells that are looked at the first that sums over wavelength, or else the last; none of none."""
+    """Of the cells that are looked at the first that sums over bands, or else the last; none of none."""
     return [c for c in cells if isinstance(c.stage, Summed)][:1] or list(cells[-1:])
 
 
@@ -273,7 +273,7 @@ class Plan:
         return found
 
     def origin(self, ref: CellRef) -> str:
-        """The stage behind a cell and the distribution it is of: ``demosaic_malvar of etendue-demosaic-malvar 0.1.0``."""
+        """The stage behind a cell and the distribution it is of: ``STAGE of DISTRIBUTION 0.1.0``."""
         cell = self.cells[ref]
         one = next(a for a in self.node(ref[0]).alternatives if a.kind is type(cell.stage) and a.use == cell.use)
         return f"{one.use} of {one.distribution} {one.version}"

@@ -18,7 +18,7 @@ def shown_cells(plan: Plan) -> dict[str, CellRef]:
 
 
 def where_shown(plan: Plan, shown: Mapping[str, CellRef] | None = None) -> str:
-    """The axis values of the shown cells, such as `` at f_number 2.8, pixel_pitch 4 um``; '' without a sweep."""
+    """The axis values of the shown cells, such as `` at gain 2.8, pitch 4 um``; '' without a sweep."""
     at = {}
     for name, index in (shown or shown_cells(plan)).values():
         at.update({dim: value for dim, value in plan.labels((name, index)).items()})

@@ -62,7 +62,7 @@ class Group:
     def variables(self) -> dict[str, tuple[str, ...]]:
         """The dims of every variable of one cell, axes aside."""
         found = {str(name): tuple(str(dim) for dim in own.dims if dim not in self.axes) for name, own in self.data.data_vars.items()}
-        return {name: dims for name, dims in found.items() if name not in ("status", BOUNDS) and not name.endswith("_um")}
+        return {name: dims for name, dims in found.items() if name != "status" and not name.endswith(BOUNDS) and not name.endswith("_um")}
 
 
 class Opened:

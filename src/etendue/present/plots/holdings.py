@@ -23,7 +23,7 @@ from etendue.present.plots.labels import title_text
 PLANE = ("y", "x")
 FINISHED = (0, 1)  # of status: done, left out
 FAILED = (2, 3)  # failed, skipped
-BESIDE = ("status", BOUNDS)
+BESIDE = ("status",)
 ANY = "ARCHIVE"
 KINDS = ("figure", "curve", "picture", "other")
 
@@ -171,7 +171,7 @@ class Holdings:
         self.order = self._order(group for _, groups in stages for group in groups)
         for stage, groups in stages:
             for name in groups[0].data_vars:
-                if str(name) not in BESIDE and groups[0][name].dtype.kind in "fiub":
+                if str(name) not in BESIDE and not str(name).endswith(BOUNDS) and groups[0][name].dtype.kind in "fiub":
                     own = tuple(group for group in groups if name in group)
                     self.held[stage, str(name)] = Held(stage, str(name), own, self.order, archive)
 

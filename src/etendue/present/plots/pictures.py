@@ -37,9 +37,9 @@ def one_frame(array: xarray.DataArray) -> xarray.DataArray:
 def with_bands(array: xarray.DataArray, group: xarray.Dataset) -> xarray.DataArray:
     """With the ends of its bands as its group has them: their middles alone do not say how wide each is."""
     band = banded(map(str, array.dims))
-    if not band or BOUNDS not in group:
+    if not band or f"{band}{BOUNDS}" not in group:
         return array
-    bounds = group[BOUNDS].values
+    bounds = group[f"{band}{BOUNDS}"].values
     return array.assign_coords({name: (band, ends) for name, ends in zip(ENDS, bounds.T, strict=True)})
 
 

@@ -57,7 +57,9 @@ class LensPsfField(Banded, Bounded):
     nanoseconds: ClassVar = 400.0
 
     file: str = param(
-        file=True, example="package:etendue_camera/data/examples/bank.npz", doc="point spread functions by height and wavelength, .npz or .csv"
+        file=True,
+        example="package:etendue_camera/data/examples/bank.npz",
+        doc="point spread functions by height and wavelength, .npz or .csv",
     )
     tolerance: float = param(
         0.01, above=0, below=1, fidelity=True, dear=True, reference="1e-3", settings=(0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3),

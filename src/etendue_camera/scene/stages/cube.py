@@ -36,7 +36,10 @@ class RadianceCube(Source, Banded):
     error: ClassVar = proved(6e-8, 1e-16)
 
     file: str = param(
-        file=True, folder=True, example="package:etendue_camera/data/examples/cube.zarr", doc="the Zarr store, such as another archive's data.zarr"
+        file=True,
+        folder=True,
+        example="package:etendue_camera/data/examples/cube.zarr",
+        doc="the Zarr store, such as another archive's data.zarr",
     )
     variable: str = param("radiance", doc="the variable in it, such as 'scene/radiance'")
     illuminant: str = quantity("illuminant")
