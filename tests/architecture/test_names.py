@@ -11,7 +11,7 @@ from etendue.contract import quantities as camera
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import parameters_of, reads_of, writes_of
 
-PACKAGE = Path(__file__).parents[2] / "src" / "etendue"
+PACKAGE = Path(__file__).parents[2] / "src"
 FILES = sorted(PACKAGE.rglob("*.py"))
 OTHER_WORDS = {
     "colorchecker": "a table of spectra",
@@ -103,14 +103,14 @@ def test_no_file_looks_into_the_name_under_which_a_stage_is_installed(path):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_classes_of_stages_are_known_in_their_own_wing_alone(path):
-    """Outside of ``stages`` none is imported; inside, what a stage is is not asked by the class of another wing."""
+    """Outside of ``stages`` none is imported; inside, what a stage is is not asked by the class of another subject."""
     tree, inside = ast.parse(path.read_text()), path.relative_to(PACKAGE).parts
     imported = {alias.name: n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module for alias in n.names}
-    stages = {name: module for name, module in imported.items() if module.startswith("etendue.stages")}
-    if inside[0] != "stages":
+    stages = {name: module for name, module in imported.items() if ".stages" in module and module.startswith("etendue_camera.")}
+    if inside[0] != "etendue_camera" or "stages" not in inside:
         assert not stages
         return
-    others = {name for name, module in stages.items() if module.split(".")[2] != inside[1]}
+    others = {name for name, module in stages.items() if module.split(".")[1] != inside[1]}
     asked = [n.args[1] for n in ast.walk(tree) if isinstance(n, ast.Call) and _called(n) in ("isinstance", "issubclass")]
     assert not {name.id for one in asked for name in ast.walk(one) if isinstance(name, ast.Name)} & others
 

@@ -166,13 +166,13 @@ def coordinates_of(group: GroupLayout, own: VariableLayout) -> list[str]:
 def _dim_coordinate(node: Node, group: GroupLayout, dim: str, by_cell: Mapping[CellRef, Coordinate]) -> None:
     first = next(iter(by_cell.values()))
     if isinstance(first, Bands):
-        said = declared(dim)
-        name, standard = said.long_name or dim, {"standard_name": said.standard_name} if said.standard_name else {}
+        bands = declared(dim)
+        name, standard = bands.long_name or dim, {"standard_name": bands.standard_name} if bands.standard_name else {}
         group.coordinates[dim] = CoordinateLayout(
-            (dim,), first.values(), {"units": said.units, "long_name": name, **standard, "bounds": f"{dim}{BOUNDS}"}
+            (dim,), first.values(), {"units": bands.units, "long_name": name, **standard, "bounds": f"{dim}{BOUNDS}"}
         )
         bounds = [list(pair) for pair in zip(first.edges[:-1], first.edges[1:], strict=True)]
-        edges = {"units": said.units, "long_name": f"edges of the {name} bins"}
+        edges = {"units": bands.units, "long_name": f"edges of the {name} bins"}
         group.coordinates[f"{dim}{BOUNDS}"] = CoordinateLayout((dim, "bound"), bounds, edges)
         return
     if isinstance(first, Labels):

@@ -254,11 +254,8 @@ def _said_of(name: str) -> str:
     bands = dim(name.removesuffix("_edges"))
     if not bands.bins:
         return ""
-    return (
-        f"edges of the bands, {bands.units}, one more than there are bands"
-        if name.endswith("_edges")
-        else f"middles of the bands, {bands.units}"
-    )
+    what = "edges" if name.endswith("_edges") else "middles"
+    return f"{what} of the bands, {bands.units}{', one more than there are bands' if what == 'edges' else ''}"
 
 
 def _method(one: Beginning) -> str:

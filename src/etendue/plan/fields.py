@@ -78,7 +78,8 @@ def _softened(node: Node, own: Sequence[tuple[_Field, Cell]], cells: Mapping[Cel
     scene = scene_of(cells, cell)
     return [
         f"{scene.node}: what it is drawn with leaves {100 * worst:.2g} % of the contrast at the Nyquist frequency of {node.name}"
-        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than that of the {words()['whole']}; take a finer spacing"
+        f"{_where(node, cell, left, axes)}: resolution that is measured in pictures is less than the {words()['whole']}'s; "
+        "take a finer spacing"
     ]
 
 
