@@ -3,7 +3,7 @@
 In:  a class of stages.
 Out: whether it is a source, a transfer function, made by band, may be left out, looks at other stages.
 
-Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of the camera in front of it, see ``Probe``.
+Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of all stages in front of it, see ``Probe``.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class Bounded(Stage):
 class Sampled(Stage):
     """A stage that draws random numbers or rounds, and knows what it writes on average.
 
-    Errors of a camera are found by comparing expected values: an error d in front of rounding by q is sqrt(d q) behind it, and two
+    Errors of a pipeline are found by comparing expected values: an error d in front of rounding by q is sqrt(d q) behind it, and two
     draws differ by their noise.
     """
 
