@@ -11,7 +11,7 @@ from etendue.contract.capabilities import is_random, is_transfer
 from etendue.contract.registry import installed_stages
 from etendue.plan import code as code_of
 from etendue.plan import distributions, sources
-from etendue.plan.engine import ENGINE, MOVES, TRANSFER_KERNELS, only_moves
+from etendue.plan.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS, only_moves
 from etendue.plugins import discovery
 
 BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
@@ -144,7 +144,8 @@ def test_every_module_that_the_engine_imports_is_in_a_list_or_a_kernel_in_the_di
 def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
     assert len(set(ENGINE)) == len(ENGINE)
     assert not set(ENGINE) & set(MOVES)
-    for module in (*ENGINE, *MOVES, *TRANSFER_KERNELS):
+    assert all(only_moves(module) and module not in MOVES for module in HELD)
+    for module in (*ENGINE, *MOVES, *HELD, *TRANSFER_KERNELS):
         path = sources.PACKAGE.parent / Path(*module.removesuffix(".*").split("."))
         assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), module
     assert all(len(reason) > 5 for reason in MOVES.values())

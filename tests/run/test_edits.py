@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from etendue.plan import sources
 from tests.plan.layouts import LAYOUTS, named
+from tests.plan.test_code import copied
 from tests.run.small import BARE, command
 
 TITLES = ("modules without a package", "a namespace package", "a base class of another distribution", "kernels beside the manifest")
@@ -37,7 +36,7 @@ def edit(path, old="VALUE = 1.0", new="VALUE = 2.0"):
 def camera(tmp_path):
     """Runs a camera with four stages of plugins, on a copy of the package: what it says of itself. Its folder of the path."""
     path = tmp_path / "path"
-    shutil.copytree(sources.PACKAGE, path / "etendue")  # bytecode too: it is told from its source by time and size
+    copied(path, bytecode=True)  # it is told from its source by time and size
     for n, layout in enumerate(STAGES.values()):
         layout.written(str(n), path)
     places = {name: f"{named(layout.module, str(n))}:Added" for n, (name, layout) in enumerate(STAGES.items())}
@@ -64,7 +63,7 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     for n, layout in enumerate(STAGES.values()):
         for apart in layout.apart:
             edit(path / named(apart, str(n)))
-    for name in ("report/tables.py", "cli/runs.py", "archive/store.py", "session.py", "plan/graph.py"):
+    for name in ("present/terminal/tables.py", "cli/runs.py", "archive/store.py", "session.py", "plan/graph.py"):
         edit(path / "etendue" / name, "\n\n\n", "\n\nEDITED = 2.0\n\n")
     assert run() == (0, cells, {})
     kernels = [named(next(reversed(layout.edits)), str(n)) for n, layout in enumerate(STAGES.values())]
@@ -73,7 +72,7 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     modules = [named(next(reversed(layout.edits.values())), str(n)) for n, layout in enumerate(STAGES.values())]
     behind = {name: f"its code has changed: {module}" for name, module in zip(STAGES, modules, strict=True)}
     assert run() == (len(STAGES), cells - len(STAGES), behind)
-    edit(path / "etendue" / "run" / "segments.py", "transform = transform * otf", "transform = 0.5 * transform * otf")
+    edit(path / "etendue" / "compute" / "joined" / "segments.py", "transform = transform * otf", "transform = 0.5 * transform * otf")
     computed, reused, reasons = run()
     assert (computed, reused) == (cells, 0)
     assert set(reasons.values()) == {"its code has changed: etendue.compute.joined.segments"} and len(reasons) == cells

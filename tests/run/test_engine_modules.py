@@ -20,7 +20,7 @@ from etendue.compute.jobs import make_jobs
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.registry import Registry
 from etendue.plan import code, cost
-from etendue.plan.engine import ENGINE, MOVES, TRANSFER_KERNELS
+from etendue.plan.engine import ENGINE, HELD, MOVES, TRANSFER_KERNELS
 from etendue.plan.planner import make_plan
 from etendue.plugins.discovery import Discovery, installed
 from etendue.plugins.hookspecs import GROUP
@@ -110,7 +110,7 @@ def unlisted(plan, found):
     behind = set().union(*(code.code_of(kind).sources for kind in kinds))
     idle = ["etendue.api.labelled"]  # imported with the door, in the keys of those who take it
     idle += () if any(map(is_transfer, kinds)) else TRANSFER_KERNELS
-    handed, listed = set(code._reached(idle).sources), {*ENGINE, *MOVES, *code.manifests()}
+    handed, listed = set(code._reached(idle).sources), {*ENGINE, *MOVES, *HELD, *code.manifests()}
     modules = {name for name in found["modules"] if not (name in behind or name in listed or name in handed or _only_words(name))}
     opened = {path.removeprefix(PACKAGES) for path in found["opened"] if path.startswith(PACKAGES)}
     files = {name for name in opened if not name.endswith((".py", ".pyc", "/")) and os.path.isfile(PACKAGES + name)}

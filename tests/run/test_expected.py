@@ -50,7 +50,7 @@ def collected(plan, *names, **how):
 
 def test_every_built_in_stage_that_draws_or_rounds_knows_its_mean():
     kinds = {name: installed_stages().load(name) for name in installed_stages().names()}
-    ours = {name: kind for name, kind in kinds.items() if kind.__module__.startswith("etendue.")}
+    ours = {name: kind for name, kind in kinds.items() if kind.__module__.startswith("etendue_camera.")}
     assert [name for name, kind in ours.items() if has_no_mean(kind)] == []
     drawing = {name for name, kind in ours.items() if is_random(kind) or rounds(kind)}
     assert drawing == set(TRIED)  # each of them is held to its mean below

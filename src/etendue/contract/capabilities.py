@@ -3,7 +3,7 @@
 In:  a class of stages.
 Out: whether it is a source, a transfer function, made by band, may be left out, looks at other stages.
 
-Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of the stages in front of it, see ``Probe``.
+Any stage may read ``"*.transfer [1]"``: its port is given the transfer functions of all stages in front of it, see ``Probe``.
 """
 
 from __future__ import annotations

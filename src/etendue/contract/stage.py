@@ -49,8 +49,8 @@ class Stage:
     (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional variables that are asked for. Over dims
     that a stage does not declare it is mapped.
 
-    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"sharpening"``,
-    ``"blur"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
+    ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"sharpening"``, ``"glare"``,
+    ``"resolution"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
     nothing: what it reads and writes decides alone.
     ``creates``: coordinates of dims that nothing it reads has, such as ``{"channel": RGB}``, where ``grid`` has nothing to add.
     ``gain``: the largest factor by which an error, relative to the full scale of what is read, can grow relative to
@@ -62,7 +62,7 @@ class Stage:
     ``pointwise``: no light changes its place, and factors change slowly over the frame: transfer functions in front and behind
     may be multiplied as if it were not there.
     ``elementwise``: every value follows from the values at its own place alone, so that many frames may be given to ``run`` at once.
-    ``once``: physics that is met once on the way through the graph (``"diffraction"``, ``"fall-off"``): a second stage with the same
+    ``once``: physics that is met once on the way (``"diffraction"``, ``"fall-off"``): a second stage with the same
     on the way counts it twice, which the plan notes.
     ``decides``: by its nature it rounds, counts or chooses, so that a small change of what it is given may be a large one of what it
     gives. Of any other stage the conformance kit says where it jumps.

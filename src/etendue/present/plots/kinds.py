@@ -115,7 +115,7 @@ def _refuse_unused(kind: str, asked: Asked) -> None:
     for name in WORDS:
         if getattr(asked, name) and name not in kinds()[kind].uses:
             raise RequestError(f"--{name} is for {' and '.join(k for k, one in kinds().items() if name in one.uses)}, not for {kind}")
-    if asked.at and "at" not in kinds()[kind].uses:
+    if asked.at and not {"at"} <= set(kinds()[kind].uses):
         raise RequestError(f"a {kind} is of all cells: leave out --at")
 
 
