@@ -52,7 +52,8 @@ class Seen:
 def watched(words: list[str], folder: Path, canary: Path) -> Seen:
     """Run a command line of etendue in a folder; files below ``canary`` are outside."""
     log, out, err = (folder / name for name in (".trace", ".out", ".err"))
-    start = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat", "-o", str(log), sys.executable, "-m", "etendue", *words]
+    watch = ["strace", "-f", "--seccomp-bpf", "-y", "-qq", "-e", "trace=open,openat,connect", "-o", str(log)]
+    start = [*watch, sys.executable, "-m", "etendue", *words]
     environment = {**os.environ, "ETENDUE_CACHE": str(folder.parent / ".cache"), "COLUMNS": "200"}
     with out.open("wb") as first, err.open("wb") as second:
         process = subprocess.Popen(

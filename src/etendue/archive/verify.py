@@ -296,7 +296,7 @@ class _Look:
         """Files that nobody vouches for."""
         ours = {node.split("/")[0] for node in self.stored.nodes} | {group.split("/")[0] for group in self.stored.journal.arrays}
         ours |= set(TABLES)
-        unfinished = {place.file for place in self._parts()}
+        unfinished = self.stored.archive.files
         foreign: dict[str, None] = {}
         for path in sorted(self.listing.below(DATA)):
             top = path.split("/")[1]
@@ -329,14 +329,6 @@ class _Look:
             yield Damage("changed", path, "the journal no longer names what is in it", array)
         else:
             yield Damage("added", path, "no run has written it", array if array in self.stored.nodes else "")
-
-    def _parts(self) -> Iterator[Any]:
-        archive = self.stored.archive
-        for cell in archive.held.values():
-            for chunk in cell.chunks:
-                place = archive.place(chunk)
-                if place is not None:
-                    yield place
 
 
 def sha256_of(folder: Path) -> str:

@@ -35,6 +35,14 @@ def dotted_fault(text: str) -> Fault | None:
     return Fault("", f"not a pipeline: a key of more than {MOST_PARTS} parts, {found[0][:20]}...", text.count("\n", 0, found.start()) + 1)
 
 
+def more_values(text: str, most_cells: int) -> Fault | None:
+    """A text of more values than there may be cells, before it is parsed: a value on an axis has a cell at least."""
+    count = text.count(",")
+    if count <= most_cells + MOST_KEYS:
+        return None
+    return Fault("sweep", beyond(count, "values", most_cells, "a run of more has --most-cells N"))
+
+
 def document_fault(document: Any) -> Fault | None:
     """A document that is nested too deeply or has too many keys; looked at without going down into it by calls."""
     keys, open_ = 0, [(document, "", 0)]
