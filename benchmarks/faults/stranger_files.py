@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from hostile_kinds import pipeline_with, toml_of
+from hostile_kinds import bank, pipeline_with, toml_of
 
 Make = Callable[[Path, Path], Path]
 OWNED = "owned.txt"  # in the folder outside: what a pickle would write
@@ -230,6 +230,13 @@ def zarr_cube(folder: Path, **more: object) -> Path:
     }  # fmt: skip
     (store / "radiance" / "zarr.json").write_text(json.dumps(array))
     (store / "radiance" / "c" / "0" / "0" / "0").write_bytes(np.ones((3, 4, 4)).tobytes())
+    for name, values in {"wavelength": [450.0, 550.0, 650.0], "y": [0.0, 1.0, 2.0, 3.0], "x": [0.0, 1.0, 2.0, 3.0]}.items():
+        (store / name / "c").mkdir(parents=True)
+        (store / name / "c" / "0").write_bytes(np.array(values).tobytes())
+        grid = {"name": "regular", "configuration": {"chunk_shape": [len(values)]}}
+        codecs = [{"name": "bytes", "configuration": {"endian": "little"}}]
+        own = {**array, "shape": [len(values)], "chunk_grid": grid, "dimension_names": [name], "attributes": {}, "codecs": codecs}
+        (store / name / "zarr.json").write_text(json.dumps(own))
     return pipeline_with(folder, "radiance_cube", "cube.zarr", 'white_luminance = "100 cd m-2"\nspacing = "1 um"\n')
 
 
@@ -239,6 +246,14 @@ def zarr_bomb(folder: Path, outside: Path) -> Path:
     codecs = [{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "gzip", "configuration": {"level": 1}}]
     pipeline = zarr_cube(folder, codecs=codecs)
     (folder / "cube.zarr" / "radiance" / "c" / "0" / "0" / "0").write_bytes(gzip.compress(bytes(1_500_000_000), 1))
+    return pipeline
+
+
+def zarr_fifo(folder: Path, outside: Path) -> Path:
+    pipeline = zarr_cube(folder)
+    chunk = folder / "cube.zarr" / "radiance" / "c" / "0" / "0" / "0"
+    chunk.unlink()
+    os.mkfifo(chunk)
     return pipeline
 
 
@@ -265,7 +280,7 @@ def light(text: bytes | str) -> Make:
 
     def make(folder: Path, outside: Path) -> Path:
         written(folder / "light.csv", text)
-        return pipeline_with(folder, "uniform", "", '').parent and _lit(folder)
+        return pipeline_with(folder, "uniform", "", "").parent and _lit(folder)
 
     return make
 
@@ -295,10 +310,16 @@ PICTURES: dict[str, tuple[str, Callable[[Path], Path]]] = {
     "a JPEG of 7,000 x 7,000, empty": ("p.jpg", lambda p: jpeg(p, size=(7_000, 7_000))),
     "a JPEG with EXIF in a loop": ("p.jpg", lambda p: jpeg(p, exif_loop())),
     "a JPEG with 60,000 tags": ("p.jpg", lambda p: jpeg(p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + bytes(60_000))),
-    "a JPEG of 20,000 parts": ("p.jpg", lambda p: jpeg(p, more=(b"\xff\xe2" + struct.pack(">H", 20) + b"ICC_PROFILE\0\x01\xff" + bytes(4)) * 20_000)),
+    "a JPEG of 20,000 parts": (
+        "p.jpg",
+        lambda p: jpeg(p, more=(b"\xff\xe2" + struct.pack(">H", 20) + b"ICC_PROFILE\0\x01\xff" + bytes(4)) * 20_000),
+    ),
     "a TIFF of 2**31 rows a strip": ("p.tif", lambda p: tiff(p, usual(2**31 - 1))),
     "a TIFF of 2**32 offsets": ("p.tif", lambda p: tiff(p, [*[t for t in usual(8) if t[0] != 273], (273, 4, 2**32 - 1, 8)])),
-    "a TIFF of 65,535 tags": ("p.tif", lambda p: written(p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + struct.pack("<HHII", 256, 4, 2**31, 8) * 65_535)),
+    "a TIFF of 65,535 tags": (
+        "p.tif",
+        lambda p: written(p, struct.pack("<2sHIH", b"II", 42, 8, 65_535) + struct.pack("<HHII", 256, 4, 2**31, 8) * 65_535),
+    ),
     "a BigTIFF of 2**60 tags": ("p.tif", big_tiff),
     "a TIFF whose strip unfolds": ("p.tif", deflated_tiff),
     "a TIFF with directories inside itself": ("p.tif", lambda p: tiff(p, [*usual(8), (330, 4, 1, 8), (34665, 4, 1, 8)], bytes(300))),
@@ -322,8 +343,8 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "an npz that lies of its size": (lambda f, o: npz_that_lies(f / "p.npz"), ("import",)),
     "an npz of 60,000 arrays": (lambda f, o: npz_of(f / "p.npz", {f"a{n}.npy": b"" for n in range(60_000)}), ("import",)),
     "a blur with a pickle": (
-        lambda f, o: (npz_of(f / "p.npz", {"psf.npy": pickled(f, o), "heights.npy": pickled(f, o)}), pipeline_with(f, "psf_bank", "p.npz"))[1], ("plan",)),
-    "a blur with bombs": (lambda f, o: (npz_of_many(f / "p.npz"), pipeline_with(f, "psf_bank", "p.npz"))[1], ("plan",)),
+        lambda f, o: (npz_of(f / "p.npz", {"psf.npy": pickled(f, o), "heights.npy": pickled(f, o)}), bank(f, "p.npz"))[1], ("plan",)),
+    "a blur with bombs": (lambda f, o: (npz_of_many(f / "p.npz"), bank(f, "p.npz"))[1], ("plan",)),
     "HDF5 of forty fill values": (lambda f, o: hdf5(f / "p.h5", many_fills), ("import",)),
     "HDF5 of links in a ring": (lambda f, o: hdf5(f / "p.h5", loops), ("import",)),
     "HDF5 of groups 3,000 deep": (lambda f, o: hdf5(f / "p.h5", deep_groups), ("import",)),
@@ -348,6 +369,7 @@ FILES: dict[str, tuple[Make, tuple[str, ...]]] = {
     "Zarr of 10**30 numbers": (lambda f, o: zarr_cube(f, shape=[10**10] * 3), ("plan",)),
     "Zarr, a chunk of 10**12": (lambda f, o: zarr_cube(f, shape=[3, 10**6, 10**6], chunk_grid={"name": "regular", "configuration": {"chunk_shape": [3, 10**6, 10**6]}}), ("plan", "run")),
     "Zarr that unfolds": (zarr_bomb, ("plan", "run")),
+    "Zarr with a fifo": (zarr_fifo, ("plan", "run")),
     "Zarr with a codec of pickles": (lambda f, o: zarr_cube(f, codecs=[{"name": "numcodecs.pickle"}]), ("plan",)),
     "Zarr of 1-number chunks": (lambda f, o: zarr_cube(f, shape=[300, 1000, 1000], chunk_grid={"name": "regular", "configuration": {"chunk_shape": [1, 1, 1]}}), ("plan", "run")),
     "Zarr of shards in shards": (

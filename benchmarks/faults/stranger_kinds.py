@@ -260,7 +260,17 @@ def members(document: dict) -> dict:
 
 
 def codec_of(name: str, **configuration: object) -> Callable[[dict], object]:
-    return lambda d: d.update(codecs=[{"name": "bytes", "configuration": {"endian": "little"}}, {"name": name, "configuration": configuration}])
+    return lambda d: d.update(
+        codecs=[{"name": "bytes", "configuration": {"endian": "little"}}, {"name": name, "configuration": configuration}]
+    )
+
+
+def gzip_bomb(archive: Path, outside: Path) -> None:
+    import gzip
+
+    for array in sorted((archive / "data.zarr").glob("*/f_number")):
+        (array / "c" / "0").write_bytes(gzip.compress(bytes(1_500_000_000), 1))
+        metadata_edited(f"{array.relative_to(archive)}/zarr.json", codec_of("gzip", level=1))(archive, outside)
 
 
 def done(**more: object) -> dict:
@@ -348,7 +358,8 @@ STRANGERS: dict[str, Act] = {
     "codec: of numcodecs": metadata_edited(COORDINATE, codec_of("numcodecs.zlib", level=1)),
     "codec: none": metadata_edited(RAW, lambda d: d.update(codecs=[])),
     "codec: of other kinds": metadata_edited(RAW, lambda d: d.update(codecs=[7, {"name": ["x"]}])),
-    "codec: shards in shards": metadata_edited(RAW, lambda d: [d["codecs"][0]["configuration"].update(codecs=d["codecs"]) for _ in range(3)]),
+    "codec: shards in shards": metadata_edited(RAW, lambda d: d["codecs"][0]["configuration"].update(codecs=json.loads(json.dumps(d["codecs"])))),
+    "codec: gzip that unfolds": gzip_bomb,
     "zarr: a transformer": metadata_edited(RAW, lambda d: d.update(storage_transformers=[{"name": "fetch", "configuration": {"url": "http://192.0.2.1"}}])),
     "zarr: must be understood": metadata_edited(RAW, lambda d: d.update(remote={"must_understand": True, "url": "http://192.0.2.1"})),
     "zarr: version 2": metadata_edited(RAW, lambda d: d.update(zarr_format=2)),

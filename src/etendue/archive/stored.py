@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from etendue import plain_files
 from etendue.archive import disk
 from etendue.archive.chunks import decode
 from etendue.archive.entries import Entry
@@ -26,7 +25,7 @@ from etendue.archive.owner import is_running
 from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
-from etendue.archive.unfolding import refuse_codecs, refuse_unfolding
+from etendue.archive.unfolding import check_array
 from etendue.errors import ArchiveError
 
 LEDGER = "ledger"
@@ -97,13 +96,10 @@ def _whole(path: Path) -> Any:
     """All of an array that stands for axes, status or a table: as large as what is read of it, whatever its metadata says."""
     import zarr
 
-    refuse_codecs(disk.read_document(path / "zarr.json") or {})
+    check_array(path)
     array = zarr.open_array(str(path), mode="r")
     if array.nbytes > LARGEST_TABLE:
         raise ArchiveError(f"{array.name} is said to have the shape {array.shape}, more than an archive's axes and tables have")
-    for chunk in (path / "c").rglob("*"):
-        if chunk.is_file() and not chunk.is_symlink():
-            refuse_unfolding(plain_files.content(chunk, links=False))
     return array[...]
 
 

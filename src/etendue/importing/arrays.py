@@ -7,7 +7,6 @@ Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
 from __future__ import annotations
 
 import math
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,9 +27,7 @@ def numpy_array(path: Path, variable: str) -> Cube:
 
 def numpy_arrays(path: Path, variable: str) -> Cube:
     """``.npz``: the one array of three axes, and wavelengths by their name."""
-    with zipfile.ZipFile(path) as parts:
-        for part in parts.infolist():
-            plain_files.refuse_unfolding(part.file_size, part.compress_size, part.filename)
+    plain_files.check_entries(path)
     with np.load(path, allow_pickle=False) as file:
         return chosen({name: file[name] for name in file.files}, variable, str(path))
 
@@ -96,12 +93,15 @@ def spectral(values: Any, wavelength: Any) -> Cube:
 def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
     """All numbers of a file itself; what it names in other files is refused."""
     found: dict[str, Any] = {}
+    size = stored = 0
 
     def take(name: str, one: Any) -> None:
         if isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu":
             if one.is_virtual or one.external:
                 raise RequestError(f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or h5py")
-            plain_files.refuse_unfolding(one.size * one.dtype.itemsize, one.id.get_storage_size(), name)
+            nonlocal size, stored
+            size, stored = size + one.size * one.dtype.itemsize, stored + one.id.get_storage_size()
+            plain_files.refuse_unfolding(size, stored, name)
             found[name] = one[()]
 
     file.visititems(take)

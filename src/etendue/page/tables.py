@@ -15,6 +15,7 @@ import xarray
 
 from etendue.archive.manifest import DATA
 from etendue.archive.remembered import documents
+from etendue.archive.unfolding import check_group
 from etendue.page.opened import Opened
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
@@ -28,6 +29,7 @@ def ledger(opened: Opened) -> Ledger:
     """A column of each kind, a row per cell; ``at`` holds a column for every axis."""
     if opened.ended:
         try:
+            check_group(opened.folder / DATA / "ledger")
             table = xarray.open_dataset(str(opened.folder / DATA), engine="zarr", group="ledger", chunks=None, consolidated=False).load()
         except (OSError, KeyError, ValueError):
             return _from_journal(opened)
