@@ -11,6 +11,7 @@ import os
 import shutil
 import struct
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 
 import google_crc32c
@@ -286,18 +287,15 @@ STRANGERS: dict[str, Act] = {
     "JSON: 5,000 digits in the journal": raw_line(json.dumps(done()).replace("1.0", HUGE, 1)),
     "JSON: 5,000 digits in a shape": text_edited(RAW, lambda text: text.replace('"shape": [', f'"shape": [{HUGE},', 1)),
     "JSON: 5,000 digits in the record": text_edited("runs/0001.json", before_the_end(f'"x":{HUGE}')),
-    "JSON: 5,000 digits in the manifest": manifest_text(before_the_end(f'"x":{HUGE}')),
     "JSON: 400 digits for seconds": raw_line(json.dumps(done()).replace("1.0", "1" * 400, 1)),
     "JSON: 1e400 for seconds": raw_line(json.dumps(done()).replace("1.0", "1e400", 1)),
     "JSON: NaN for seconds": raw_line(json.dumps(done()).replace("1.0", "NaN", 1)),
-    "JSON: NaN in the manifest": manifest_text(before_the_end('"files":NaN')),
     "JSON: a word twice in the manifest": manifest_text(before_the_end('"files":{}')),
     "JSON: half a pair of surrogates": text_edited("runs/0001.json", before_the_end('"name":"\\ud800"')),
     "JSON: half a pair in an attribute": metadata_edited(RAW, lambda d: d["attributes"].update(long_name="\ud800", units="\udfff")),
     "JSON: half a pair in the root": root_edited(lambda d: d["attributes"].update(title="\ud800")),
     "JSON: zeros in a name": line_added({"event": "shard", "path": "data.zarr/adc/raw/c\0.0", "size": 40, "kept": [["a\0", 0, 0, 4]]}),
     "JSON: not UTF-8": lambda a, o: ((a / "runs/0001.json").write_bytes(b'{"name": "\xff\xfe"}'), reseal(a)),
-    "JSON: UTF-16": lambda a, o: ((a / RAW).write_bytes((a / RAW).read_text().encode("utf-16")), reseal(a)),
     "JSON: deep in the root": text_edited("data.zarr/zarr.json", before_the_end(DEEP)),
     "JSON: deep in an array": text_edited(RAW, before_the_end(DEEP)),
     "JSON: deep in the crate": text_edited("ro-crate-metadata.json", before_the_end(DEEP)),
@@ -305,28 +303,19 @@ STRANGERS: dict[str, Act] = {
     "JSON: deep in what was measured": lambda a, o: (a / "measured.json").write_text("[" * 100_000),
     "JSON: measured errors of other kinds": lambda a, o: (a / "measured.json").write_text('{"cells": [1], "adc": 7}'),
     "JSON: attributes of 100 MB": root_edited(lambda d: d["attributes"].update(x="y" * 100_000_000)),
-    "JSON: attributes of an array, 100 MB": metadata_edited(RAW, lambda d: d["attributes"].update(x="y" * 100_000_000)),
     "journal: 1,000,000 empty lines": plain_lines(b"\n", 1_000_000),
     "journal: 1,000,000 lines of {}": plain_lines(b"{}\n", 1_000_000),
     "journal: 300,000 numbers": plain_lines(b"1\n", 300_000),
     "journal: 200,000 lines of a cell": raw_line(json.dumps(done(), separators=(",", ":")), times=200_000),
-    "journal: events of other kinds": raw_line('{"event":["done"]}', '{"event":{}}', '{"event":7}', '{"event":null}', '{"event":"done"}'),
-    "journal: axes of other kinds": raw_line('{"event":"axes","group":"adc","axes":{"f_number":[[1],{}]}}', '{"event":"axes","group":7,"axes":[]}'),
-    "journal: axes nowhere finite": line_added({"event": "axes", "group": "adc", "axes": {"f_number": [{"float": "nan"}, {"float": "inf"}]}}),
+    "journal: axes of other kinds": raw_line('{"event":"axes","group":"adc","axes":{"x":[{}]}}', '{"event":"axes","group":7,"axes":[]}'),
+    "journal: axes nowhere finite": raw_line('{"event":"axes","group":"adc","axes":{"f_number":[{"float":"nan"},{"float":"inf"}]}}'),
     "journal: axes of 10**400": raw_line('{"event":"axes","group":"adc","axes":{"f_number":[' + "9" * 400 + "]}}"),
     "journal: an axis of texts": line_added({"event": "axes", "group": "adc", "axes": {"f_number": ["2", "\x1b[2J"]}}),
-    "journal: another axis": line_added({"event": "axes", "group": "adc", "axes": {"": [1], "a/b": [2], "x": [3]}}),
     "journal: groups by the thousand": lambda a, o: plain_lines(
         b"".join(summed(b'{"event":"axes","group":"g%d","axes":{"x":[1]}}' % n) + b"\n" for n in range(20_000)), 1
     )(a, o),
     "journal: a form of other kinds": line_added(
         {"event": "blocks", "group": "adc", "blocks": {"raw": {"block": [1], "form": "object -3xx9", "codec": "zip", "pieces": 1}}}
-    ),
-    "journal: a form of 10**30 numbers": line_added(
-        {"event": "blocks", "group": "adc", "blocks": {"raw": {"block": [1], "form": f"float64 {10**15}x{10**15}", "codec": "lz4", "pieces": 1}}}
-    ),
-    "journal: a form of structures": line_added(
-        {"event": "blocks", "group": "adc", "blocks": {"raw": {"block": [2], "form": "O,i4 8x8", "codec": "raw", "pieces": 1}}}
     ),
     "journal: negative places": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", -1, "a", -5, -7, -9]])),
     "journal: a slot of 2**62": line_added(done(files=[["data.zarr/adc/raw/c.0.0.0", 2**62, "a", 0, 100, 1]])),
@@ -335,7 +324,6 @@ STRANGERS: dict[str, Act] = {
     "journal: a run of 10**300 cells": raw_line('{"event":"run","planned":{"adc":1' + "0" * 300 + '},"todo":{"nobody":5}}'),
     "journal: 100,000 outdated": line_added({"event": "outdated", "cells": [f"adc f_number={n}" for n in range(100_000)]}),
     "journal: a record elsewhere": line_added({"event": "record", "path": "runs/../manifest.json", "text": "{}"}),
-    "journal: a record of the lock": line_added({"event": "record", "path": "lock", "text": "x" * 1000}),
     "journal: a cell of odd words": line_added(done(cell="\x1b]0;owned\x07 = == f_number=2=3 f_number")),
     "chunk: a coordinate says 2 GB": chunk_of("adc/f_number", blosc_claims(2**31 - 1)),
     "chunk: a coordinate says -1": chunk_of("adc/f_number", blosc_claims(-1)),
@@ -356,31 +344,24 @@ STRANGERS: dict[str, Act] = {
     "index: all at one place": index_of(lambda index: index.__setitem__(slice(None), index[0].copy())),
     "codec: gzip": metadata_edited(COORDINATE, codec_of("gzip", level=1)),
     "codec: of numcodecs": metadata_edited(COORDINATE, codec_of("numcodecs.zlib", level=1)),
-    "codec: none": metadata_edited(RAW, lambda d: d.update(codecs=[])),
-    "codec: of other kinds": metadata_edited(RAW, lambda d: d.update(codecs=[7, {"name": ["x"]}])),
-    "codec: shards in shards": metadata_edited(RAW, lambda d: d["codecs"][0]["configuration"].update(codecs=json.loads(json.dumps(d["codecs"])))),
+    "codec: shards in shards": metadata_edited(RAW, lambda d: d["codecs"][0]["configuration"].update(codecs=deepcopy(d["codecs"]))),
     "codec: gzip that unfolds": gzip_bomb,
-    "zarr: a transformer": metadata_edited(RAW, lambda d: d.update(storage_transformers=[{"name": "fetch", "configuration": {"url": "http://192.0.2.1"}}])),
-    "zarr: must be understood": metadata_edited(RAW, lambda d: d.update(remote={"must_understand": True, "url": "http://192.0.2.1"})),
+    "zarr: a transformer": metadata_edited(RAW, lambda d: d.update(storage_transformers=[{"name": "x", "configuration": {"url": "http://192.0.2.1"}}])),
     "zarr: version 2": metadata_edited(RAW, lambda d: d.update(zarr_format=2)),
     "zarr: an array for a group": metadata_edited("data.zarr/adc/zarr.json", lambda d: d.update(node_type="array")),
     "zarr: chunks of nothing": metadata_edited(RAW, lambda d: d["chunk_grid"]["configuration"].update(chunk_shape=[0] * len(d["shape"]))),
-    "zarr: another grid": metadata_edited(RAW, lambda d: d.update(chunk_grid={"name": "rectilinear", "configuration": {}})),
     "zarr: a fill value of words": metadata_edited(RAW, lambda d: d.update(fill_value="many")),
     "zarr: dims twice": metadata_edited(RAW, lambda d: d.update(dimension_names=["x"] * len(d["shape"]))),
-    "zarr: dims of other kinds": metadata_edited(RAW, lambda d: d.update(dimension_names=[7] * len(d["shape"]))),
     "zarr: attributes of a list": metadata_edited(RAW, lambda d: d.update(attributes=[1])),
     "zarr: times beyond all": metadata_edited(COORDINATE, lambda d: d["attributes"].update(units="days since 0000-99-99", calendar="x")),
     "zarr: scaled by words": metadata_edited(RAW, lambda d: d["attributes"].update(scale_factor="x", add_offset=[1])),
-    "zarr: coordinates of other kinds": metadata_edited(RAW, lambda d: d["attributes"].update(coordinates=7, flag_meanings=3)),
     "zarr: the root disagrees": root_edited(lambda d: members(d)["adc/raw"].update(shape=[10**12] * 3)),
-    "zarr: the root leads out": root_edited(lambda d: members(d).update({"../../outside": members(d)["adc/raw"], "/etc": members(d)["adc"]})),
+    "zarr: the root leads out": root_edited(lambda d: members(d).update({"../../outside": members(d)["adc/raw"], "/etc": {}})),
     "zarr: 20,000 nodes in the root": root_edited(lambda d: members(d).update({f"adc/n{n}": members(d)["adc/raw"] for n in range(20_000)})),
     "zarr: nodes of other kinds": root_edited(lambda d: members(d).update({"adc": 7, "": None})),
     "zarr: axes of other kinds": root_edited(lambda d: d["attributes"].update(etendue={"format": [], "axes": {"adc": 7, "": [{}]}})),
     "record: nodes of a list": record_edited(lambda d: d.update(nodes=[1, 2])),
     "record: every field a number": record_edited(lambda d: d.update({key: 7 for key in d if key not in ("resolved", "format")})),
-    "record: every field nothing": record_edited(lambda d: d.update({key: None for key in d if key not in ("resolved",)})),
     "record: fields of nodes": record_edited(lambda d: [one.update(dict.fromkeys(one, 3)) for one in d["nodes"].values()]),
     "record: escapes": record_edited(lambda d: d.update(pipeline="\x1b[2J\x1b]0;owned\x07", began="\x1b[31m")),
     "record: a name of 5 MB": record_edited(lambda d: d.update(pipeline="n" * 5_000_000)),
@@ -394,7 +375,6 @@ STRANGERS: dict[str, Act] = {
     "pipeline: seed of 400 digits": pipeline_edited(lambda text: text.replace("seed = 0", f"seed = {'9' * 400}")),
     "pipeline: a share of Windows": pipeline_edited(lambda text: text.replace('"../inputs/', '"//192.0.2.1/share/../inputs/')),
     "pipeline: a URL": pipeline_edited(lambda text: text.replace('"../inputs/', '"http://192.0.2.1/')),
-    "pipeline: a home": pipeline_edited(lambda text: text.replace('"../inputs/', '"~/../inputs/')),
     "names: escapes": named("\x1b[2J\x1b]0;owned\x07", "data.zarr/adc/\x1b[31mraw", "inputs/\x1b[2J", "runs/\r\n# sound"),
     "names: not UTF-8": named(b"\xff\xfe", b"data.zarr/adc/\xff.bin", b"inputs/\xff", b"runs/\xff.json"),
     "names: right to left": named("gnp.\u202e0001", "runs/0001\u202e.json", "inputs/\u202e\u200b"),

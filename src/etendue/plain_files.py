@@ -67,7 +67,8 @@ def refuse_unfolding(size: int, stored: int, what: str) -> None:
 def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
     """Bytes that something compressed says it unfolds to, from its first 18 bytes and its last 8; 0 of what is not known.
 
-    None: Zstandard that does not say it. Blosc and gzip say it up to 4 GiB; the checksum of a chunk may stand behind them.
+    None: Zstandard that does not say it. The checksum of a chunk may stand behind it; of gzip, whose own stands in front of the size, the
+    smaller of the two is taken.
     """
     if length < 18:
         return 0
@@ -77,7 +78,7 @@ def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:
         return int.from_bytes(head[at : at + width], "little") + 256 * (width == 2) if width else None
     if head[0] in (1, 2) and int.from_bytes(head[12:16], "little") in (length, length - 4):
         return int.from_bytes(head[4:8], "little")
-    return max(int.from_bytes(part, "little") for part in (tail[4:], tail[:4])) if head[:3] == b"\x1f\x8b\x08" else 0
+    return min(int.from_bytes(part, "little") for part in (tail[4:], tail[:4])) if head[:3] == b"\x1f\x8b\x08" else 0
 
 
 def size_unfolded(path: str | Path) -> tuple[int | None, int]:
