@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 LARGEST = 1 << 30  # bytes of a file that is read whole
+LARGEST_TABLE = 4 << 20  # bytes of a table as text: a hundred thousand rows
 SMALL = 32 << 20  # bytes that anything may unfold to
 UNFOLDED = 256 << 20  # bytes of memory that any file may ask for
 _BLOCK = 1 << 20
@@ -62,6 +63,23 @@ def refuse_unfolding(size: int, stored: int, what: str) -> None:
     """
     if size > UNFOLDED and size > 200 * max(stored, 1):
         raise ValueError(f"{what} takes {size} bytes of memory, from {stored} in the file; if that is meant, store it without compression")
+
+
+def table(path: str | Path, most: int = LARGEST_TABLE) -> bytes:
+    """All of a file of a table, which people write and read: of at most so many bytes.
+
+    Raises
+    ------
+    ValueError
+        It is larger.
+    OSError
+        There is none, or what stands there is none.
+    """
+    with open_plain(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise ValueError(f"{path} is larger than {most} bytes; no table of a camera is")
+    return data
 
 
 def unfolds_to(head: bytes, tail: bytes, length: int) -> int | None:

@@ -15,6 +15,7 @@ from etendue.errors import Fault
 
 LARGEST_FILE = 1 << 20  # bytes
 MOST_KEYS = 10_000  # in one file: tables, keys and the entries of tables in lists
+MOST_LISTED = 200_000  # commas in one file: more different numbers do not fit it
 MOST_NESTED = 16
 LONGEST_NUMBER = 1000  # bits of a whole number
 MOST_PARTS = 32  # of a dotted key: the parser's time and memory grow with their square

@@ -19,7 +19,7 @@ from etendue import plain_files
 from etendue.errors import Fault, RequestError, nearest, unprintable
 from etendue.spec import camera
 from etendue.spec.about import About, read_about
-from etendue.spec.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
+from etendue.spec.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, document_fault, dotted_fault
 from etendue.spec.names import LONGEST, unfit_stage
 from etendue.spec.overrides import TOP, apply_overrides, axes_of, axis_name, by_one_name
 from etendue.spec.presets import preset
@@ -117,6 +117,8 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
             content = file.read(LARGEST_FILE + 1)  # a pipe has no size to ask for
         if len(content) > LARGEST_FILE:
             raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
+        if content.count(b",") > MOST_LISTED:
+            raise RequestError(f"the file lists more than {MOST_LISTED} values; of an axis write {{ from, to, steps }}", name)
         text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except IsADirectoryError:
         raise RequestError("is a directory; name the pipeline file in it", name) from None

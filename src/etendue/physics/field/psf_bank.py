@@ -315,7 +315,7 @@ def _read_csv(path: Path) -> PsfBank:
     blocks: dict[tuple[float, float], tuple[float, list[list[float]]]] = {}
     rows: list[list[float]] | None = None
     comments = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(plain_files.table(path, 16 * plain_files.LARGEST_TABLE).decode("utf-8").splitlines(), 1):
         if line.startswith("#"):
             comments.append(line[1:].strip())
             continue
