@@ -65,7 +65,7 @@ def test_texts_are_no_more_than_their_bytes(monkeypatch):
 FOUND = {  # what showed something, by the command that did
     "JSON: 400 digits for seconds": "verify",
     "chunk: a coordinate says -1": "reproduce",
-    "codec: gzip": "report",
+    "codec: gzip": "export",
     "record: a name of 5 MB": "show",
     "pipeline: 3,000,000 axis values": "reproduce",
     "journal: axes of 10**400": "verify",

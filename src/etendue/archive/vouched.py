@@ -156,7 +156,7 @@ class VouchedStore(WrapperStore[LocalStore]):
         try:
             if not key.endswith(ROOT):
                 refuse_unfolding(read.to_bytes())
-            elif not self.whole:
+            else:
                 refuse_codecs(disk.read_document(self.folder / DATA / key) or {})
         except ArchiveError as error:
             raise ArchiveError(f"{self.folder / DATA / key}: {error}") from None
