@@ -25,12 +25,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hostile_kinds import ARCHIVES, FILES, LIGHT, sound_archive
+from stranger_files import FILES as MORE_FILES
+from stranger_kinds import STRANGERS
+
+ARCHIVES, FILES = ARCHIVES | STRANGERS, FILES | MORE_FILES
 
 QUICK, SLOW = (2.0, 200.0), (10.0, 400.0)  # CPU s, MB, above a sound archive's
 BOUNDS = {"verify": QUICK, "show": QUICK, "plan": QUICK, "measure": QUICK}
 READERS = ("verify", "show", "report", "reproduce", "rerun", "plot", "export")
 WORDS = {"plot": ["plot", "tiny", "--list"], "export": ["export", "tiny", "--tiff", "--variable", "raw"]}
-WAIT = 15.0  # s, after which a command hangs
+WAIT = 15.0  # s, after which a command hangs; more with --wait, on a machine that does other things too
 MOST = 20 * 200  # characters on stderr
 OUTSIDE = ("/etc/passwd", "/dev/zero")
 OPENED = re.compile(r" = \d+<([^>]*)>$")
@@ -49,17 +53,18 @@ class Seen:
     hangs: bool
 
 
-def watched(words: list[str], folder: Path, canary: Path) -> Seen:
+def watched(words: list[str], folder: Path, canary: Path, wait: float = WAIT) -> Seen:
     """Run a command line of etendue in a folder; files below ``canary`` are outside."""
     log, out, err = (folder / name for name in (".trace", ".out", ".err"))
-    start = ["strace", "-f", "-y", "-qq", "-e", "trace=open,openat", "-o", str(log), sys.executable, "-m", "etendue", *words]
+    watch = ["strace", "-f", "--seccomp-bpf", "-y", "-qq", "-e", "trace=open,openat,connect", "-o", str(log)]
+    start = [*watch, sys.executable, "-m", "etendue", *words]
     environment = {**os.environ, "ETENDUE_CACHE": str(folder.parent / ".cache"), "COLUMNS": "200"}
     with out.open("wb") as first, err.open("wb") as second:
         process = subprocess.Popen(
             start, cwd=folder, stdin=subprocess.DEVNULL, stdout=first, stderr=second, env=environment, start_new_session=True,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (12 << 30, 12 << 30)),
         )  # fmt: skip
-        until, hangs = time.monotonic() + WAIT, False
+        until, hangs = time.monotonic() + wait, False
         while True:
             pid, status, used = os.wait4(process.pid, os.WNOHANG)
             if pid:
@@ -94,6 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--commands", nargs="*", default=[])
+    parser.add_argument("--wait", type=float, default=WAIT)
     parser.add_argument("--verbose", action="store_true")
     asked = parser.parse_args()
     wrong, tried = 0, 0
@@ -115,7 +121,7 @@ def main() -> None:
                 if command not in bases:  # of a sound archive; of a file the least that Python takes
                     shutil.rmtree(folder, ignore_errors=True)
                     shutil.copytree(sound, folder / "tiny")
-                    bases[command] = watched(words if command in READERS else ["stages", "pixel"], folder, canary)
+                    bases[command] = watched(words if command in READERS else ["stages", "pixel"], folder, canary, asked.wait)
                 shutil.rmtree(folder, ignore_errors=True)
                 folder.mkdir()
                 if name in ARCHIVES:
@@ -123,7 +129,7 @@ def main() -> None:
                     act(folder / "tiny", canary)
                 else:
                     words = [command, str(act(folder, canary))]
-                seen = watched(words, folder, canary)
+                seen = watched(words, folder, canary, asked.wait)
                 found = faults_of(seen, command, bases[command])
                 wrong, tried = wrong + bool(found), tried + 1
                 more, larger = seen.cpu - bases[command].cpu, seen.memory - bases[command].memory

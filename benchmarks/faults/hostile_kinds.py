@@ -271,9 +271,18 @@ ARCHIVES: dict[str, Act] = {
 
 def pipeline_with(folder: Path, use: str, file: Path | str, more: str = "") -> Path:
     camera = '[camera]\nf_number = 2.8\nfocal_length = "7 mm"\npixel_pitch = "5 um"\n'
-    stages = f'[[stages]]\nuse = "{use}"\nfile = "{file}"\n{more}[[stages]]\nuse = "irradiance"\n'
+    lit = 'white_luminance = "300 cd m-2"\nwidth = "48 um"\nheight = "48 um"\nspacing = "6 um"\n' if use == "photograph" else ""
+    stages = f'[[stages]]\nuse = "{use}"\nfile = "{file}"\n{lit}{more}[[stages]]\nuse = "irradiance"\n'
     (folder / "x.toml").write_text(f'name = "x"\n{camera}{stages}')
     return folder / "x.toml"
+
+
+def bank(folder: Path, file: str) -> Path:
+    """A lens whose point spread functions stand in a file."""
+    text = (Path(__file__).parents[2] / "pipelines" / "smallest.toml").read_text()
+    stage = f'[[stages]]\nuse = "lens_psf_field"\nfile = "{file}"\n\n'
+    first, then = re.split(r'(?=\[\[stages\]\]\nuse = "pixel")', text, maxsplit=1)
+    return toml_of(folder, first + stage + then)
 
 
 def own_ifd(path: Path) -> Path:
@@ -390,9 +399,9 @@ FILES: dict[str, tuple[Callable[[Path, Path], Path], tuple[str, ...]]] = {
     "a pipeline with such a PNG": (lambda f, o: pipeline_with(f, "photograph", large_picture(f / "p.png").name), ("plan",)),
     "a sparse picture": (lambda f, o: (sparse(f / "p.png", o), f / "p.png")[1], ("measure",)),
     "a sparse pipeline": (lambda f, o: (sparse(f / "x.toml", o), f / "x.toml")[1], ("plan",)),
-    "a pipeline with a sparse cube": (lambda f, o: (sparse(f / "p.npy", o), pipeline_with(f, "cube", "p.npy"))[1], ("plan",)),
+    "a pipeline with a sparse bank": (lambda f, o: (sparse(f / "p.npz", o), bank(f, "p.npz"))[1], ("plan",)),
     "an npz bomb": (lambda f, o: npz_bomb(f / "p.npz"), ("import",)),
-    "a pipeline with an npz bomb": (lambda f, o: pipeline_with(f, "cube", npz_bomb(f / "p.npz").name), ("plan",)),
+    "a pipeline with an npz bomb": (lambda f, o: bank(f, npz_bomb(f / "p.npz").name), ("plan",)),
     "an npy of 10**15 numbers": (lambda f, o: npy_of(f / "p.npy", (10**5, 10**5, 10**5)), ("import",)),
     "HDF5 with external storage": (lambda f, o: hdf5_external(f / "p.h5", o), ("import",)),
     "HDF5 with a virtual dataset": (lambda f, o: hdf5_virtual(f / "p.h5", o), ("import",)),

@@ -6,8 +6,12 @@ Out: its size before it is decoded; its values, 0 to 1, (rows, columns, 1 or 3),
 
 from __future__ import annotations
 
+import lzma
+import math
+import os
 import re
 import struct
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +25,10 @@ from etendue_camera.colour_notes import colour_note, exif_note, png_note
 
 MOST_DIRECTORIES = 10_000  # of a TIFF file
 MOST_PIXELS = 50_000_000  # a gigabyte while it is read
+MOST_PARTS = 2000  # of a PNG, beside its picture
+UNCHECKED = 32 << 20  # bytes that any file may unfold to
+FOLD = 4000  # times that a larger picture may be larger than its file
+_UNFOLDS, _LZMA = (8, 32946, 34925), 34925  # codings of TIFF: deflate twice, LZMA
 ALLOWED = "PNG, JPEG or TIFF, grey or RGB"
 DNG = 50706  # tag of its version
 GREY_ALPHA = 4  # colour type of PNG
@@ -61,6 +69,8 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
             start = file.read(12)
         if start[:4] in _TIFF:
             return _tiff(path, most)
+        if start[:4] == b"\x89PNG":
+            _check_parts(path)
         if start[4:8] == b"ftyp" and start[8:] in _ELSE:
             raise ValueError(f"{path} is {_ELSE[start[8:]]}; allowed are {ALLOWED}: save it as one of them")
         with unwarned():  # of pictures that are large: the limit here is lower; of damaged EXIF: what is left is read
@@ -69,6 +79,7 @@ def read_picture(path: str, most: int = MOST_PIXELS) -> Picture:
             if kind not in ("PNG", "JPEG", "MPO"):
                 raise ValueError(f"{path} holds {kind}; allowed are {ALLOWED}: save it as one of them")
             _check_size(path, size[0] * size[1], most)
+            _check_folded(path, 3 * size[0] * size[1])
             return _plain(path)
     except UnidentifiedImageError:
         raise ValueError(f"{path} cannot be read as a picture; allowed are {ALLOWED}") from None
@@ -90,6 +101,60 @@ def _check_size(path: str, pixels: int, most: int) -> None:
     too_many = beyond(pixels, "pixels", most, way_out)
     if too_many:
         raise ValueError(f"{path} has {too_many}")
+
+
+def _check_folded(path: str, size: int) -> None:
+    """Refuse a picture that its file cannot hold: deflate makes nothing more than 1032 times smaller, JPEG hardly more."""
+    stored = os.path.getsize(path)
+    if size > UNCHECKED and size > FOLD * stored:
+        raise ValueError(f"{path} says that it has {size // 3} pixels, in {stored} bytes: it is cut off, or no picture")
+
+
+def _check_parts(path: str) -> None:
+    """Refuse a PNG of very many parts that are no picture."""
+    with open(path, "rb") as file:
+        file.seek(8)
+        found = 0
+        while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
+            found += head[4:] != b"IDAT"
+            if found > MOST_PARTS:
+                raise ValueError(f"{path} has more than {MOST_PARTS} parts beside its picture; save it again without them")
+            file.seek(int.from_bytes(head[:4], "big") + 4, 1)
+
+
+def check_segments(path: str | Path, page: Any) -> None:
+    """Refuse a page of a TIFF file whose strips or tiles are, or unfold to, far more than their part of the picture.
+
+    Raises
+    ------
+    ValueError
+        One does.
+    """
+    if page.dtype is None:
+        return
+    most = 2 * math.prod(page.chunks) * page.dtype.itemsize + (1 << 16)
+    for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
+        size = count if count > most or int(page.compression) not in _UNFOLDS else _unfolded(path, offset, count, page, most)
+        if size > most:
+            raise ValueError(f"{path}: a strip of {most // 2} bytes is stored as more than {most}; no picture is written so")
+
+
+def _unfolded(path: str | Path, offset: int, count: int, page: Any, most: int) -> int:
+    """Bytes that a strip unfolds to, counted up to so many; 0 where so few cannot become many."""
+    if count * 8 * FOLD < UNCHECKED:
+        return 0
+    reader: Any = lzma.LZMADecompressor() if int(page.compression) == _LZMA else zlib.decompressobj()
+    size = 0
+    with open(path, "rb") as file:
+        file.seek(offset)
+        left = file.read(count)
+    while size <= most and not reader.eof:
+        part = reader.decompress(left, 1 << 20)
+        left = getattr(reader, "unconsumed_tail", b"")
+        size += len(part)
+        if not part and not left:
+            break
+    return size
 
 
 def _plain(path: str) -> Picture:
@@ -226,6 +291,7 @@ def _tiff(path: str, most: int) -> Picture:
             raise ValueError(f"{path} is a picture in {colours}; allowed are {ALLOWED}: convert it first")
         if colours in ("PALETTE", "YCBCR") or page.bitspersample == 1:
             return Picture(_by_pillow(path), 255.0, note)
+        check_segments(path, page)
         try:
             values = page.asarray()
         except (ValueError, ImportError) as error:  # a codec that is not installed

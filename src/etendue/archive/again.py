@@ -16,8 +16,8 @@ from etendue.archive import disk
 from etendue.archive.inputs import digest_now
 from etendue.archive.manifest import DATA, digest_of, read_manifest
 from etendue.archive.provenance import is_record, record_paths
-from etendue.contract.bounds import MOST_CELLS
-from etendue.errors import ArchiveError
+from etendue.contract.bounds import MOST_CELLS, more_values
+from etendue.errors import ArchiveError, RequestError
 from etendue.pipeline.file import Pipeline, parse_pipeline
 
 _INPUT = re.compile(r'"\.\./inputs/([0-9a-f]{64}[^"/]*)"')
@@ -53,6 +53,9 @@ class Recorded:
         faults = [fault for name in self.inputs if (fault := input_fault(folder, name))]
         if faults:
             raise ArchiveError("\n".join(faults))
+        beyond = more_values(self.text, most_cells or MOST_CELLS)
+        if beyond:
+            raise RequestError([beyond], str(self.path.with_suffix(".toml")))
         found = parse_pipeline(self.text, str(self.path.with_suffix(".toml")), self.path.parent)
         return replace(found, most_cells=most_cells or MOST_CELLS)
 

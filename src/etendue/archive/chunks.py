@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from numcodecs import blosc
 from etendue.archive.parts import PARTS
 from etendue.archive.pieces import Cutter, Window, joined
 from etendue.archive.shards import Place, fits, part_path, read_bytes, read_index
+from etendue.archive.unfolding import refuse_other_size
 from etendue.contract.ports import Written
 from etendue.errors import ArchiveError
 
@@ -49,11 +51,13 @@ def decode(data: bytes, dtype: str, shape: tuple[int, ...], codec: str = CODEC) 
     body, checksum = data[:-4], data[-4:]
     if len(data) < 4 or int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
         raise ArchiveError("the stored bytes do not fit their checksum")
-    little = np.dtype(dtype).newbyteorder("<")
     try:
+        little = np.dtype(dtype).newbyteorder("<")
+        if codec != RAW:
+            refuse_other_size(body, prod(shape) * little.itemsize)
         array = np.frombuffer(body if codec == RAW else blosc.decompress(body), dtype=little)
         return array.astype(dtype, copy=False).reshape(shape)
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, ValueError, TypeError) as error:
         raise ArchiveError(f"the stored bytes are no array of {dtype} {shape}: {error}") from None
 
 

@@ -55,7 +55,7 @@ class Finder:
 
     def behind_link(self, path: str) -> bool:
         """Whether a path leads through a link: its file is somebody else's."""
-        return any(path.startswith(f"{one}/") for one in self.linked)
+        return bool(self.linked) and any(path[:at] in self.linked for at, letter in enumerate(path) if letter == "/")
 
     def odd(self, path: str, slots: int) -> bool:
         """Whether a shard that was put in its place is missing, has another size or a damaged index."""

@@ -32,7 +32,7 @@ from etendue.archive.line_forms import FIELDS, axis_of, block_of, decode_of_a_ce
 from etendue.archive.shards import Shard
 
 LONGEST_LINE = 32 << 20  # bytes; the longest, that of a record, has some megabytes where axes have 100,000 values
-UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError)  # what reading a damaged line may raise
+UNFIT = (msgspec.DecodeError, KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)  # of a damaged line
 SUM = 18  # characters of ',"sum":"01234567"}'
 
 

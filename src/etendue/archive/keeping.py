@@ -86,7 +86,7 @@ def staying(plan: Plan, entries: Entries, stored: set[tuple[str, str]]) -> tuple
         return plan, stay, lost
     names = Names(plan)
     for name in entries.done_beside(names):
-        if entries[name].files:
+        if entries.first_file(name):
             lost.add(name.split(" ")[0], [entries[name]])
     for node in plan.nodes:
         extra = {(node.name, v) for v in node.writes} & stored - plan.kept

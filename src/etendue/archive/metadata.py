@@ -17,6 +17,7 @@ import numpy as np
 from numcodecs import VLenUTF8, Zstd
 
 from etendue.archive.chunks import CODEC, LEVEL, RAW
+from etendue.archive.unfolding import refuse_unfolding
 from etendue.errors import ArchiveError
 
 CRC = {"name": "crc32c"}
@@ -92,8 +93,12 @@ def texts_of(data: bytes) -> list[str]:
     body, checksum = data[:-4], data[-4:]
     if int(google_crc32c.value(body)).to_bytes(4, "little") != checksum:
         raise ArchiveError("the stored bytes do not fit their checksum")
+    refuse_unfolding(body)
     try:
-        return list(map(str, VLenUTF8().decode(Zstd().decode(body))))
+        texts = Zstd().decode(body)
+        if 4 * int.from_bytes(bytes(texts[:4]), "little") > len(texts):  # each begins with its length
+            raise ValueError("more of them than there are bytes")
+        return list(map(str, VLenUTF8().decode(texts)))
     except (RuntimeError, ValueError, TypeError) as error:
         raise ArchiveError(f"the stored bytes are no texts: {error}") from None
 

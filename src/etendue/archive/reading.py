@@ -26,7 +26,7 @@ from etendue.archive.finding import Finder
 from etendue.archive.journal import NAME, Read, read
 from etendue.archive.manifest import DATA
 from etendue.archive.pieces import Window, counts_of, joined, known_chunk, pieces_of, window_of
-from etendue.archive.shards import Place, fits, part_path, read_bytes
+from etendue.archive.shards import Files, Place, fits, part_path, read_bytes
 from etendue.contract.ports import Written
 from etendue.errors import ArchiveError, EtendueError
 
@@ -44,17 +44,17 @@ class Form:
     block: tuple[int, ...]  # axis values that share a shard
     chunk: tuple[int, ...]  # of its bands, where they are stored one by one
 
-    @property
+    @cached_property
     def pieces(self) -> int:
         """Chunks of one cell."""
         return pieces_of(self.shape, self.chunk)
 
-    @property
+    @cached_property
     def stored(self) -> tuple[int, ...]:
         """The shape of a chunk as it is decoded."""
         return self.chunk if self.pieces > 1 else self.shape
 
-    @property
+    @cached_property
     def most_bytes(self) -> int:
         """What a chunk may take: its numbers, and a little that a codec writes around what it cannot make smaller."""
         try:
@@ -63,7 +63,7 @@ class Form:
             size = 16
         return prod(self.stored) * size * 17 // 16 + 4096
 
-    @property
+    @cached_property
     def slots(self) -> int:
         """Chunks of a shard; 0 for a file that is the chunk itself."""
         return prod(self.block) * self.pieces if self.block or self.shape else 0
@@ -136,7 +136,8 @@ class StoredArchive:
         self.folder = folder
         self.journal: Read = read(folder / NAME) if journal is None else journal
         self.finder = Finder(folder, self.journal, linked)
-        self._forms: dict[tuple[str, str], Form] = {}
+        self._forms: dict[str, tuple[str, str, Form]] = {}  # by folder of an array
+        self.files: set[str] = set()  # in which the chunks lie that ``check`` has looked at
 
     @cached_property
     def cells(self) -> Mapping[str, StoredCell]:
@@ -171,10 +172,11 @@ class StoredArchive:
         """Read every chunk of some cells (all), in the order of the files, and every index beside them; gives what is damaged."""
         chunks = [(cell, chunk, self._lies(chunk)) for cell in (self.cells.values() if cells is None else cells) for chunk in cell.chunks]
         chunks.sort(key=lambda one: (one[2].file, one[2].offset))
-        for cell, chunk, place in chunks:
-            what = self._damage(chunk, place)
-            if what:
-                yield Damage(place.file, what, cell.name, chunk.variable, chunk.written.slot)
+        with Files(self.folder) as files:
+            for cell, chunk, place in chunks:
+                what = self._damage(chunk, place, files)
+                if what:
+                    yield Damage(place.file, what, cell.name, chunk.variable, chunk.written.slot)
         if not self.journal.files_a_cell:
             yield from self._indexes({chunk.written.path: chunk.form.slots for _, chunk, _ in chunks})
 
@@ -186,18 +188,21 @@ class StoredArchive:
 
     def _lies(self, chunk: StoredChunk) -> Place:
         """Where a chunk lies, or would lie."""
-        written = chunk.written
-        return self.place(chunk) or Place(
+        written, place = chunk.written, self.place(chunk)
+        if place is not None:
+            self.files.add(place.file)
+            return place
+        return Place(
             written.path if written.path in self.journal.shards else part_path(written), written.offset, written.size, written.digest
         )
 
-    def _damage(self, chunk: StoredChunk, place: Place) -> str:
+    def _damage(self, chunk: StoredChunk, place: Place, files: Files) -> str:
         if self.finder.behind_link(place.file):
             return "missing"
         if place.size > chunk.form.most_bytes:
             return f"it is said to be {place.size} bytes long, more than its numbers are"
         try:
-            data = read_bytes(self.folder, place)
+            data = files.read(place)
         except OSError:
             return "missing"
         if self.journal.files_a_cell:
@@ -237,11 +242,11 @@ class StoredArchive:
     def chunk(self, written: Written) -> StoredChunk:
         """A chunk that the journal names, with the form of its variable."""
         folder = written.path.rpartition("/")[0]
-        group, _, variable = folder.removeprefix(f"{DATA}/").rpartition("/")
-        form = self._forms.get((group, variable))
-        if form is None:
-            form = self._forms[group, variable] = self._form(group, variable)
-        return StoredChunk(group, variable, form, written)
+        known = self._forms.get(folder)
+        if known is None:
+            group, _, variable = folder.removeprefix(f"{DATA}/").rpartition("/")
+            known = self._forms[folder] = group, variable, self._form(group, variable)
+        return StoredChunk(*known, written)
 
     def _form(self, group: str, variable: str) -> Form:
         known = self.journal.blocks.get(group, {}).get(variable)

@@ -78,8 +78,8 @@ class Index(Mapping[int, tuple[int, int]]):
     def __getitem__(self, slot: int) -> tuple[int, int]:
         if not (0 <= slot < len(self.there) and self.there[slot]):
             raise KeyError(slot)
-        offset, length = self.index[slot]
-        return int(offset), int(length)
+        offset, length = self.index[slot].tolist()
+        return offset, length
 
     def __iter__(self) -> Iterator[int]:
         return iter(np.flatnonzero(self.there).tolist())
@@ -167,21 +167,44 @@ def fits(data: bytes, place: Place) -> bool:
 
 def read_bytes(root: Path, place: Place) -> bytes:
     """What stands in the place of a chunk; fewer bytes where the file ends before, none where no chunk can be as large."""
-    if place.size > LARGEST_CHUNK:
-        return b""
-    handle = os.open(root / place.file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        if standins.is_stand_in(handle):
-            return standins.read(root, place.file, handle, place.offset, place.size)
-        data = os.pread(handle, place.size, place.offset)
+    with Files(root) as files:
+        return files.read(place)
+
+
+class Files:
+    """Chunks of one file after the other, which is opened once for those that follow each other. Use as a context manager."""
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.file, self.handle, self.stands_in = root, "", -1, False
+
+    def __enter__(self) -> Files:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        handle, self.handle, self.file = self.handle, -1, ""
+        if handle >= 0:
+            os.close(handle)
+
+    def read(self, place: Place) -> bytes:
+        """As ``read_bytes``."""
+        if place.size > LARGEST_CHUNK:
+            return b""
+        if self.handle < 0 or place.file != self.file:
+            self._close()
+            self.handle = os.open(f"{self.root}/{place.file}", os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            self.file, self.stands_in = place.file, standins.is_stand_in(self.handle)
+        if self.stands_in:
+            return standins.read(self.root, place.file, self.handle, place.offset, place.size)
+        data = os.pread(self.handle, place.size, place.offset)
         while len(data) < place.size:
-            more = os.pread(handle, place.size - len(data), place.offset + len(data))
+            more = os.pread(self.handle, place.size - len(data), place.offset + len(data))
             if not more:
                 break
             data += more
         return data
-    finally:
-        os.close(handle)
 
 
 # -- putting one in its place -----------------------------------------------------------------------------------------

@@ -25,10 +25,11 @@ from etendue.archive.owner import is_running
 from etendue.archive.pieces import Window, joined
 from etendue.archive.reading import FINISHED, StoredArchive, StoredChunk, open_archive
 from etendue.archive.shards import Place, fits, read_bytes
+from etendue.archive.unfolding import check_array
 from etendue.errors import ArchiveError
-from etendue.plain_files import LARGEST
 
 LEDGER = "ledger"
+LARGEST_TABLE = 128 << 20  # bytes of one column, of as many cells as 16 million
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,13 @@ class StoredArrays:
             raise ArchiveError(f"{path}: {error}") from None
 
 
-def _whole(array: Any) -> Any:
+def _whole(path: Path) -> Any:
     """All of an array that stands for axes, status or a table: as large as what is read of it, whatever its metadata says."""
-    if array.nbytes > LARGEST:
+    import zarr
+
+    check_array(path)
+    array = zarr.open_array(str(path), mode="r")
+    if array.nbytes > LARGEST_TABLE:
         raise ArchiveError(f"{array.name} is said to have the shape {array.shape}, more than an archive's axes and tables have")
     return array[...]
 
@@ -131,8 +136,6 @@ class Stored:
 
     def axes(self) -> dict[str, dict[str, list[Any]]]:
         """Axis values by group, from the coordinates in the store; of groups whose coordinates are as they were written."""
-        import zarr
-
         found = {}
         for group in sorted({node.rpartition("/")[0] for node in self.nodes if node.endswith("/status")}):
             dims = [str(dim) for dim in (disk.read_document(self._path(group, "status", "zarr.json")) or {}).get("dimension_names") or []]
@@ -140,30 +143,26 @@ class Stored:
                 path for node in (*dims, "status") for path in self._files(group, node) if node != "status" or path.endswith("zarr.json")
             }
             if all(f"{group}/{dim}" in self.nodes for dim in dims) and self._hold(shown):
-                arrays = {dim: _whole(zarr.open_array(str(self._path(group, dim)), mode="r")) for dim in dims}
+                arrays = {dim: _whole(self._path(group, dim)) for dim in dims}
                 found[group] = {dim: np.asarray(array).tolist() for dim, array in arrays.items()}
         return found
 
     def by_status(self) -> Iterator[tuple[str, str]]:
         """(group, name) of every cell that is finished by its status, where status and coordinates are as they were written."""
-        import zarr
-
         for group, axes in self.axes().items():
             if not self._hold(self._files(group, "status")):
                 continue
-            status = np.asarray(_whole(zarr.open_array(str(self._path(group, "status")), mode="r")))
+            status = np.asarray(_whole(self._path(group, "status")))
             for place in np.argwhere(np.isin(status, [STATUS.index(one) for one in FINISHED])):
                 labels = {dim: values[at] for at, (dim, values) in zip(place, axes.items(), strict=True)}
                 yield group, cell_label(group.split("/")[0], labels)
 
     def by_ledger(self) -> set[tuple[Any, ...]] | None:
         """(stage, key, status, clipped, clipped_flux) of every cell of the last run; None where its table is not as it was written."""
-        import zarr
-
         columns = ("stage", "key", "status", "clipped", "clipped_flux")
         if any(f"{LEDGER}/{name}" not in self.nodes or not self._hold(self._files(LEDGER, name)) for name in columns):
             return None
-        rows = [np.asarray(_whole(zarr.open_array(str(self._path(LEDGER, name)), mode="r"))).tolist() for name in columns]
+        rows = [np.asarray(_whole(self._path(LEDGER, name))).tolist() for name in columns]
         return set(zip(*rows, strict=True))
 
     def _path(self, *parts: str) -> Path:

@@ -25,6 +25,7 @@ from etendue.archive.again import every_record
 from etendue.archive.compact import left_by_compact
 from etendue.archive.inputs import digest_now
 from etendue.archive.journal import NAME as JOURNAL
+from etendue.archive.journal import Read
 from etendue.archive.manifest import DATA, digest_of
 from etendue.archive.manifest import NAME as MANIFEST
 from etendue.archive.owner import is_id, is_running, is_written, owner_of
@@ -85,8 +86,10 @@ class Verified:
         return dict.fromkeys(damage.cell for damage in self.damages if damage.cell)
 
 
-def verify(folder: Path, told: Told = lambda done, total: None) -> Verified:
+def verify(folder: Path, told: Told = lambda done, total: None, journal: Read | None = None) -> Verified:
     """Read an archive and name everything that is not as it was written; ``told``: bytes of how many have been read.
+
+    ``journal``: where it has been read already.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def verify(folder: Path, told: Told = lambda done, total: None) -> Verified:
         return found
     if not (folder / JOURNAL).is_file():
         found.damages += [Damage("missing", JOURNAL, "missing: what it named is computed again")] if JOURNAL not in odd else []
-    look = _Look(folder, listing, found, told, set(odd))
+    look = _Look(folder, listing, found, told, set(odd), journal)
     for part in (look.manifest, look.journal, look.metadata, look.chunks, look.inputs, look.records, look.small_files, look.added):
         found.damages += [damage for damage in part() if damage.cell or damage.path not in odd]
     found.damages = list(dict.fromkeys(found.damages))
@@ -122,9 +125,11 @@ def verify(folder: Path, told: Told = lambda done, total: None) -> Verified:
 class _Look:
     """One archive being looked through."""
 
-    def __init__(self, folder: Path, listing: disk.Listing, found: Verified, told: Told, odd: set[str]) -> None:
+    def __init__(
+        self, folder: Path, listing: disk.Listing, found: Verified, told: Told, odd: set[str], journal: Read | None
+    ) -> None:  # fmt: skip
         self.folder, self.listing, self.found, self.told, self.odd = folder, listing, found, told, odd
-        self.stored = Stored(folder, linked=frozenset(odd))
+        self.stored = Stored(folder, journal, frozenset(odd))
         self.known = self.stored.manifest
         self.expected: set[str] = set()  # files of the store that are named
         self.lines_lost = False
@@ -296,7 +301,7 @@ class _Look:
         """Files that nobody vouches for."""
         ours = {node.split("/")[0] for node in self.stored.nodes} | {group.split("/")[0] for group in self.stored.journal.arrays}
         ours |= set(TABLES)
-        unfinished = {place.file for place in self._parts()}
+        unfinished = self.stored.archive.files
         foreign: dict[str, None] = {}
         for path in sorted(self.listing.below(DATA)):
             top = path.split("/")[1]
@@ -329,14 +334,6 @@ class _Look:
             yield Damage("changed", path, "the journal no longer names what is in it", array)
         else:
             yield Damage("added", path, "no run has written it", array if array in self.stored.nodes else "")
-
-    def _parts(self) -> Iterator[Any]:
-        archive = self.stored.archive
-        for cell in archive.held.values():
-            for chunk in cell.chunks:
-                place = archive.place(chunk)
-                if place is not None:
-                    yield place
 
 
 def sha256_of(folder: Path) -> str:

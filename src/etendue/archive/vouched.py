@@ -36,6 +36,7 @@ from etendue.archive.owner import is_running
 from etendue.archive.reading import StoredArchive, StoredCell, StoredChunk
 from etendue.archive.shards import fits, index_bytes, index_size, read_bytes
 from etendue.archive.tree import ROOT, Tree
+from etendue.archive.unfolding import refuse_codecs, refuse_unfolding
 from etendue.contract.names import TABLES
 from etendue.errors import ArchiveError
 
@@ -59,6 +60,7 @@ def open_archive(folder: str | Path) -> xarray.DataTree:
         store.hold(f"{DATA}/{ROOT}", None)
         raise ArchiveError(f"{folder}: nothing of it can be read yet; its run has only begun")
     with reading.metadata_of(folder):
+        store.refuse_codecs()
         tree = xarray.open_datatree(store, engine="zarr", consolidated=store.whole)  # type: ignore[arg-type]
     tree.encoding["source"] = str(folder.absolute() / DATA)  # as xarray says it of a path
     return tree
@@ -103,6 +105,7 @@ class VouchedStore(WrapperStore[LocalStore]):
             if own is None:
                 read = await self._store.get(key, prototype, byte_range)
                 await asyncio.to_thread(self.hold, f"{DATA}/{key}", read, byte_range is None)
+                self._refuse_unfolding(key, read)
                 return read
             data = _cut(own, byte_range)
         return None if data is None else prototype.buffer.from_bytes(data)
@@ -140,6 +143,30 @@ class VouchedStore(WrapperStore[LocalStore]):
         async for name in self._store.list_dir(prefix):
             if prefix or not self._hidden(name):
                 yield name
+
+    @cached_property
+    def ours(self) -> set[str]:
+        """Groups of the store that runs have written."""
+        return {*TABLES, *(group.partition("/")[0] for group in self.archive.journal.axes)}
+
+    def _refuse_unfolding(self, key: str, read: Buffer | None) -> None:
+        """A coordinate or a table that says it is larger than any, or is to be read by a codec that no run uses."""
+        if read is None or key.partition("/")[0] not in self.ours:
+            return
+        try:
+            if not key.endswith(ROOT):
+                refuse_unfolding(read.to_bytes())
+            else:
+                refuse_codecs(disk.read_document(self.folder / DATA / key) or {})
+        except ArchiveError as error:
+            raise ArchiveError(f"{self.folder / DATA / key}: {error}") from None
+
+    def refuse_codecs(self) -> None:
+        """Of the metadata of all nodes that stands in the root."""
+        nodes = (self.root or {}).get("consolidated_metadata", {}).get("metadata", {}) if self.whole else {}
+        for path, node in nodes.items():
+            if path.partition("/")[0] in self.ours and isinstance(node, dict):
+                refuse_codecs(node)
 
     def _hidden(self, key: str) -> bool:
         return not self.whole and key.split("/")[0] in TABLES

@@ -15,6 +15,7 @@ from etendue.errors import Fault
 
 LARGEST_FILE = 1 << 20  # bytes
 MOST_KEYS = 10_000  # in one file: tables, keys and the entries of tables in lists
+MOST_LISTED = 200_000  # commas in one file: more different numbers do not fit it
 MOST_NESTED = 16
 LONGEST_NUMBER = 1000  # bits of a whole number
 MOST_PARTS = 32  # of a dotted key: the parser's time and memory grow with their square
@@ -33,6 +34,14 @@ def dotted_fault(text: str) -> Fault | None:
     if found is None:
         return None
     return Fault("", f"not a pipeline: a key of more than {MOST_PARTS} parts, {found[0][:20]}...", text.count("\n", 0, found.start()) + 1)
+
+
+def more_values(text: str, most_cells: int) -> Fault | None:
+    """A text of more values than there may be cells, before it is parsed: a value on an axis has a cell at least."""
+    count = text.count(",")
+    if count <= most_cells + MOST_KEYS:
+        return None
+    return Fault("sweep", beyond(count, "values", most_cells, "a run of more has --most-cells N"))
 
 
 def document_fault(document: Any) -> Fault | None:

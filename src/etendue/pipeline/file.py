@@ -17,7 +17,7 @@ from typing import Any
 
 from etendue import plain_files
 from etendue.contract import quantities
-from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, document_fault, dotted_fault
+from etendue.contract.bounds import LARGEST_FILE, MOST_CELLS, MOST_LISTED, document_fault, dotted_fault
 from etendue.contract.names import LONGEST, unfit_stage
 from etendue.contract.tables import Table, table_in, tables
 from etendue.contract.units import as_written
@@ -124,6 +124,8 @@ def read_pipeline(path: Path, overrides: Mapping[str, Any] | None = None) -> Pip
             content = file.read(LARGEST_FILE + 1)  # a pipe has no size to ask for
         if len(content) > LARGEST_FILE:
             raise RequestError(f"the file is larger than {LARGEST_FILE} bytes; that is no pipeline", name)
+        if content.count(b",") > MOST_LISTED:
+            raise RequestError(f"the file lists more than {MOST_LISTED} values; of an axis write {{ from, to, steps }}", name)
         text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except IsADirectoryError:
         raise RequestError("is a directory; name the pipeline file in it", name) from None

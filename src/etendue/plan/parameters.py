@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
@@ -163,20 +164,20 @@ def axis_values(entry: Any, parameter: Parameter, kind: Any, folder: Path) -> tu
     Generated values are rounded to 12 significant digits, so that the same axis written twice is the same axis.
     """
     if isinstance(entry, dict):
-        values = tuple(resolve(v, parameter, kind, folder) for v in _spaced(entry, parameter, folder))
-        written = values
+        written: Sequence[Any] = _spaced(entry, parameter, folder)
     elif isinstance(entry, list | tuple):
         if not entry:
             raise Unfit("expected at least one value, got []")
-        values, written = tuple(resolve(v, parameter, kind, folder) for v in entry), tuple(entry)
+        written = entry
     else:
         raise Unfit(f"expected a list, or a table {{ from, to, steps }}, got {as_written(entry)}")
-    seen: set[Any] = set()
-    for value, as_given in zip(values, written, strict=True):
-        if value in seen:
-            raise Unfit(f"expected every value once, but {as_written(as_given)} stands twice")
-        seen.add(value)
-    return values
+    values: dict[Any, None] = {}
+    for one in written:
+        value = resolve(one, parameter, kind, folder)
+        if value in values:
+            raise Unfit(f"expected every value once, but {as_written(value if isinstance(entry, dict) else one)} stands twice")
+        values[value] = None
+    return tuple(values)
 
 
 def _spaced(entry: dict[str, Any], parameter: Parameter, folder: Path) -> list[Decimal]:

@@ -76,7 +76,8 @@ def unchecked(stored: Stored, again: Again, elsewhere: bool, software: bool, int
             NotChecked(f"{len(lacking)} cells that it does not hold", f"{lacking[0]} ...: not asked for, broken off, failed, or removed")
         )
     known = set(again.names.values())
-    strange = [name for name, entry in entries.items() if name not in known and entry.event != "removed" and not entry.files]
+    said = stored.journal.said
+    strange = [name for name in said if name not in known and not said.first_file(name) and said[name].event != "removed"]
     if strange:
         found.append(NotChecked(f"{len(strange)} lines of cells that its pipeline does not have", f"{strange[0]} ...: they have no files"))
     if stored.manifest is None:

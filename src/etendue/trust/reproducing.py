@@ -173,7 +173,9 @@ def _compare_the_rest(found: Reproduction, stored: Stored, again: Again, into: b
         )
     )
     named = {cell.cell for cell in found.cells if cell.found == "damaged"}
-    found.damages = [one for one in verify(found.folder).damages if one.kind != "unfinished" and one.cell not in named]
+    found.damages = [
+        one for one in verify(found.folder, journal=stored.journal).damages if one.kind != "unfinished" and one.cell not in named
+    ]
     found.not_checked = checked.unchecked(stored, again, elsewhere, code, into)
 
 

@@ -252,5 +252,6 @@ def _software() -> str:
 
 
 def _when(shelf: Shelf) -> str:
-    """When the run began, as TIFF writes it: two exports of an archive are the same file."""
-    return str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")
+    """When the run began, as TIFF writes it: two exports of an archive are the same file. '' where its record says no time."""
+    written = str(shelf.record["began"]).replace("-", ":").replace("T", " ").rstrip("Z")
+    return written if re.fullmatch(r"\d{4}(:\d\d){2} \d\d(:\d\d){2}", written, re.ASCII) else ""

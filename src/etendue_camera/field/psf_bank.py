@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from etendue import plain_files
 from etendue_camera.field.psf_kernels import Centre, Light, Sampler, between, rounded
 
 FloatArray = NDArray[np.floating]
@@ -264,6 +265,7 @@ class PsfBank:
             return _read_csv(path)
         if path.suffix != ".npz":
             raise ValueError(f"{path} ends in {path.suffix!r}; a bank is read from .npz or .csv")
+        plain_files.check_entries(path)
         with np.load(path, allow_pickle=False) as found:
             missing = [name for name in ("heights_um", "wavelengths_um", "psf", "spacing_um") if name not in found]
             if missing:
@@ -313,7 +315,7 @@ def _read_csv(path: Path) -> PsfBank:
     blocks: dict[tuple[float, float], tuple[float, list[list[float]]]] = {}
     rows: list[list[float]] | None = None
     comments = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(plain_files.table(path, 16 * plain_files.LARGEST_TABLE).decode("utf-8").splitlines(), 1):
         if line.startswith("#"):
             comments.append(line[1:].strip())
             continue

@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from etendue import require
+from etendue import plain_files, require
 
 FloatArray = NDArray[np.floating]
 
@@ -212,7 +212,7 @@ def read_table(path: str | Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     wavelengths in each line, in the same unit. Gives um.
     """
     path = Path(path)
-    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")]
+    rows = [line.split(",") for line in plain_files.table(path).decode("utf-8").splitlines() if line.strip() and not line.startswith("#")]
     head = [cell.strip() for cell in rows[0]] if rows else [""]
     if head[0] not in ("ideal_um", "ideal_mm") or len(head) < 2 or len(rows) < 2:
         raise ValueError(f"{path}: the first line must be ideal_um (or ideal_mm) and wavelengths in nm, such as ideal_um,450,550,650")

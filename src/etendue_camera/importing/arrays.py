@@ -7,8 +7,7 @@ Out: a ``Cube``; axes as in the file, wavelength last or first by its size.
 from __future__ import annotations
 
 import math
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from etendue import plain_files
 from etendue.errors import RequestError, nearest
 from etendue_camera.importing.cube import Cube, needed
 
+DEEPEST = 32  # groups of HDF5 in each other
 WAVELENGTHS = ("wavelength", "wavelengths", "wave", "wl", "lambda", "bands")
 
 
@@ -28,9 +28,7 @@ def numpy_array(path: Path, variable: str) -> Cube:
 
 def numpy_arrays(path: Path, variable: str) -> Cube:
     """``.npz``: the one array of three axes, and wavelengths by their name."""
-    with zipfile.ZipFile(path) as parts:
-        for part in parts.infolist():
-            plain_files.refuse_unfolding(part.file_size, part.compress_size, part.filename)
+    plain_files.check_entries(path)
     with np.load(path, allow_pickle=False) as file:
         return chosen({name: file[name] for name in file.files}, variable, str(path))
 
@@ -96,16 +94,37 @@ def spectral(values: Any, wavelength: Any) -> Cube:
 def _datasets(file: Any, h5py: Any) -> dict[str, Any]:
     """All numbers of a file itself; what it names in other files is refused."""
     found: dict[str, Any] = {}
+    size = stored = 0
 
-    def take(name: str, one: Any) -> None:
-        if isinstance(one, h5py.Dataset) and one.dtype.kind in "fiu":
+    for name, one in _members(file, h5py):
+        if one.dtype.kind in "fiu":
             if one.is_virtual or one.external:
                 raise RequestError(f"{file.filename}: the numbers of {name} lie in other files; copy them into this one: h5repack, or h5py")
-            plain_files.refuse_unfolding(one.size * one.dtype.itemsize, one.id.get_storage_size(), name)
+            size, stored = size + one.size * one.dtype.itemsize, stored + one.id.get_storage_size()
+            plain_files.refuse_unfolding(size, stored, name)
             found[name] = one[()]
-
-    file.visititems(take)
     return found
+
+
+def _members(file: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """Every data set by its path, each once; links to other places, and to other files, are not followed."""
+    open_, seen = [("", file, 0)], set[Any]()
+    while open_:
+        path, group, depth = open_.pop()
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            one, own = group[name], f"{path}{name}"
+            place = h5py.h5o.get_info(one.id).addr
+            if place in seen:
+                continue
+            seen.add(place)
+            if isinstance(one, h5py.Dataset):
+                yield own, one
+            elif isinstance(one, h5py.Group) and depth == DEEPEST:
+                raise RequestError(f"{file.filename}: groups lie more than {DEEPEST} deep in each other; no cube is kept so")
+            elif isinstance(one, h5py.Group):
+                open_.append((f"{own}/", one, depth + 1))
 
 
 def _isetcam(named: Mapping[str, Any]) -> Cube | None:

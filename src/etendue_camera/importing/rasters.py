@@ -16,7 +16,7 @@ import numpy as np
 from etendue import plain_files
 from etendue.errors import RequestError
 from etendue_camera.importing.cube import Cube, needed
-from etendue_camera.picture_files import check_directories
+from etendue_camera.picture_files import check_directories, check_segments
 
 TO_NM = {"nanometers": 1.0, "nm": 1.0, "micrometers": 1e3, "um": 1e3, "microns": 1e3, "angstroms": 0.1, "meters": 1e9}
 _LAYER = re.compile(r"(?:S0|S|T)?\.?(\d+(?:[.,]\d+)?)\s*nm", re.IGNORECASE)
@@ -70,6 +70,8 @@ def tiff(path: Path, variable: str) -> Cube:
     check_directories(path)
     with tifffile.TiffFile(path) as file:
         size = sum(math.prod(series.shape) * series.dtype.itemsize for series in file.series if series.dtype is not None)
+        for page in file.pages:
+            check_segments(path, page.aspage())
     plain_files.refuse_unfolding(size, path.stat().st_size, "it")
     values = tifffile.imread(path)
     if values.ndim == 2:

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from etendue import plain_files
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 COLOURS = "RGB"
@@ -72,7 +73,7 @@ def read(pattern: str) -> Mask:
     if not pattern.endswith(".csv"):
         return parse(pattern)
     try:
-        return parse_rows(Path(pattern).read_text(encoding="utf-8-sig"))
+        return parse_rows(plain_files.table(pattern).decode("utf-8-sig"))
     except OSError as error:
         raise ValueError(f"{pattern}: {error.strerror}") from None
     except ValueError as error:  # of the encoding too

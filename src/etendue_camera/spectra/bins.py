@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from etendue import plain_files
 from etendue_camera.spectra.ends import beyond, reach_of
 from etendue_camera.spectra.named import spectrum
 from etendue_camera.spectra.spdx import ENDING, read_spdx
@@ -127,7 +128,7 @@ def _read_csv(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
     if path.suffix == ENDING:
         return read_spdx(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = plain_files.table(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not a UTF-8 text file ({error.reason} at byte {error.start})") from error
     numbered = enumerate(text.splitlines(), start=1)

@@ -13,6 +13,8 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
+from etendue import plain_files
+
 ENDING = ".spdx"
 COLUMN = "spectrum"  # the one column of such a file
 
@@ -36,7 +38,7 @@ def read_spdx(path: Path) -> tuple[list[str], npt.NDArray[np.float64], npt.NDArr
         No XML, no such form, a number that is none, wavelengths that do not ascend.
     """
     try:
-        root = ElementTree.fromstring(path.read_bytes())
+        root = ElementTree.fromstring(plain_files.table(path))
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # no XML; an encoding that is not known, or of several bytes
         raise ValueError(f"{path} is no SPDX file: {error}; expected XML, best in UTF-8") from None
     found = [one for one in root.iter() if one.tag.rpartition("}")[2] == "SpectralData"]

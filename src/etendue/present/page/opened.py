@@ -24,6 +24,7 @@ from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record, records
 from etendue.archive.reading import metadata_of
 from etendue.archive.stored import Stored
+from etendue.archive.unfolding import check_group
 from etendue.errors import ArchiveError
 
 PLANE = ("y", "x")
@@ -120,6 +121,7 @@ class Opened:
             if stage not in found or not (self.folder / DATA / path / "zarr.json").is_file():
                 continue
             with metadata_of(self.folder):
+                check_group(self.folder / DATA / path)
                 data = xarray.open_dataset(str(self.folder / DATA), engine="zarr", group=path, chunks=None, consolidated=False)
             found[stage].append(Group(stage, path, axes, data))
         return found

@@ -15,23 +15,31 @@ import xarray
 
 from etendue.archive.manifest import DATA
 from etendue.archive.remembered import documents
+from etendue.archive.unfolding import check_group
 from etendue.present.page.opened import Opened
 
 STATUS = ("done", "left_out", "failed", "skipped", "not_computed", "reused")
 WORDS = ("stage", "status", "how", "approximated", "why_left_out", "message")
 NUMBERS = ("seconds", "error", "bound", "seconds_saved", "clipped")
 EXAMPLES = 5
+WIDEST = 2000  # characters of a text
 Ledger = dict[str, Any]
+
+
+def _texts(column: Any) -> Any:
+    """Texts of a column, each as wide as the widest: of what nobody reads the beginning."""
+    return np.array([str(one)[:WIDEST] for one in column.tolist()] or [""])[: len(column)]
 
 
 def ledger(opened: Opened) -> Ledger:
     """A column of each kind, a row per cell; ``at`` holds a column for every axis."""
     if opened.ended:
         try:
+            check_group(opened.folder / DATA / "ledger")
             table = xarray.open_dataset(str(opened.folder / DATA), engine="zarr", group="ledger", chunks=None, consolidated=False).load()
         except (OSError, KeyError, ValueError):
             return _from_journal(opened)
-        found: Ledger = {name: np.asarray(table[name].to_numpy(), dtype=object).astype(str) for name in WORDS if name in table}
+        found: Ledger = {name: _texts(table[name].to_numpy()) for name in WORDS if name in table}
         found |= {name: table[name].to_numpy().astype(float) for name in NUMBERS if name in table}
         rows = int(table.sizes["cell"])
         for name in WORDS:

@@ -18,11 +18,17 @@ def _span(sizes: list[int]) -> str:
     return f"{min(sizes)}" if min(sizes) == max(sizes) else f"{min(sizes)}..{max(sizes)}"
 
 
+def short(text: object, most: int = 200) -> str:
+    """What an archive calls something, on one line."""
+    said = str(text)
+    return said if len(said) <= most else f"{said[:most]}... ({len(said)} characters)"
+
+
 def print_archive(document: dict[str, Any]) -> None:
     console = _out()
     runs = "1 run" if document["runs"] == 1 else f"{document['runs']} runs"
     state = "a run is going on" if document["running"] else f"{runs}, the last began {document['began']}"
-    console.print(f"{document['archive']}: pipeline {document['pipeline']}, {human_bytes(document['bytes'])}, {state}")
+    console.print(f"{document['archive']}: pipeline {short(document['pipeline'])}, {human_bytes(document['bytes'])}, {state}")
     if document["partial"]:
         console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
     planned, finished = document["planned"], document["finished"]
@@ -33,8 +39,8 @@ def print_archive(document: dict[str, Any]) -> None:
         left = "" if document["left"] is None else f", about {human_seconds(max(round(document['left']), 1))} left"
         console.print(f"pace  {human_rate(document['rate'])} since it began{left}")
     for axis, values in document["axes"].items():
-        shown = ", ".join(map(str, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
-        console.print(f"axis {axis}: {shown}")
+        shown = ", ".join(map(short, values[:8])) + (f", ... ({len(values)})" if len(values) > 8 else "")
+        console.print(f"axis {short(axis)}: {shown}")
     axes = {re.sub(r"\.use$", "", key).replace(".", "_"): name for key, name in short_axes(document["axes"]).items()}
     for stage in document["stages"]:
         cells = ", ".join(f"{n} {s}" for s, n in stage["cells"].items()) or "not begun"
@@ -49,6 +55,6 @@ def print_archive(document: dict[str, Any]) -> None:
         console.print(f"{title:28s} {cells:20s} {_product(reach)}")
         for (variable, units, *dims), own in parts.items():
             inner = " ".join(f"{d}={_span([v['dims'][d] for v in own])}" for d in dims)
-            unit = f"[{units}]" if units not in ("", "1") else ""
+            unit = f"[{short(units)}]" if units not in ("", "1") else ""
             console.print(escape(f"    {variable:24s} {inner:27s} {unit}").rstrip())
     console.print(f"open it: xarray.open_datatree('{document['store']}', engine='zarr')", soft_wrap=True)

@@ -9,10 +9,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
+from etendue.present.terminal.stored import short
 from etendue.present.terminal.terminal import _out, _table, escape, human_seconds
 from etendue.telling import human_bytes
 
 MOST = 16  # lines of a kind; --json has all
+LONGEST = 1000  # characters of a path
 
 
 def _figure(value: float | None) -> str:
@@ -131,8 +133,10 @@ def print_verified(document: dict[str, Any]) -> None:
         console.print(escape(_damage(damage)), soft_wrap=True)
     if len(document["damages"]) > MOST:
         console.print(f"... {len(document['damages']) - MOST} more; --json has all")
-    for path in document["beside"]:
+    for path in document["beside"][:MOST]:
         console.print(escape(f"beside it: {path}, which no run has written, and nobody vouches for"), soft_wrap=True)
+    if len(document["beside"]) > MOST:
+        console.print(f"... {len(document['beside']) - MOST} more beside it; --json has all")
     if document["partial"]:
         console.print(escape(f"left by a compact that was killed: {document['partial']}; the next compact removes it"), soft_wrap=True)
     rate = f", {document['bytes_per_second'] / 1e6:.0f} MB/s" if document["bytes_per_second"] else ""
@@ -153,7 +157,7 @@ def print_verified(document: dict[str, Any]) -> None:
 def _damage(damage: dict[str, Any]) -> str:
     where = f" ({damage['array']})" if damage["array"] and not damage["cell"] else ""
     cell = f", cell {damage['cell']} of {damage['array']}" if damage["cell"] else where
-    return f"{damage['kind']}: {damage['path']}{cell}: {damage['what']}"
+    return short(f"{damage['kind']}: {short(damage['path'], LONGEST)}{cell}: {damage['what']}", 3 * LONGEST)
 
 
 def print_repaired(document: dict[str, Any]) -> None:

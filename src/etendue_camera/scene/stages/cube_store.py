@@ -12,12 +12,14 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import stat
 import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from etendue import plain_files
 from etendue.contract.bounds import MOST_POINTS, MOST_VALUES, beyond
 from etendue.contract.units import UnitError, parse_unit
 
@@ -27,11 +29,14 @@ MISSING = 2**64 - 1  # offset and length of a chunk that a shard does not hold
 
 
 def refuse_links(path: str) -> None:
-    """Links inside a store lead out of it: what is read would not be what is kept and hashed."""
+    """Links inside a store lead out of it: what is read would not be what is kept and hashed. Pipes are never read."""
     for folder, names, files in os.walk(path):
         for name in (*names, *files):
-            if os.path.islink(os.path.join(folder, name)):
-                raise ValueError(f"{path} holds a link, {os.path.relpath(os.path.join(folder, name), path)}; copy what it points to there")
+            kind = os.lstat(own := os.path.join(folder, name)).st_mode
+            if stat.S_ISLNK(kind):
+                raise ValueError(f"{path} holds a link, {os.path.relpath(own, path)}; copy what it points to there")
+            if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
+                raise ValueError(f"{path} holds what is no plain file, {os.path.relpath(own, path)}; take it out")
 
 
 def check_array(path: str, variable: str, array: Any, unit: str) -> None:
@@ -101,10 +106,19 @@ def check_chunks(path: str, variable: str, array: Any) -> None:
         key = f"{folder}/{own}".lstrip("/")
         if own not in there:
             raise ValueError(_missing(path, key, array))
+        if not getattr(array, "shards", None):
+            _check_size(Path(path) / key, math.prod(array.chunks) * array.dtype.itemsize)
         if getattr(array, "shards", None):
             lost = _lost_inside(Path(path) / key, array)
             if lost:
                 raise ValueError(_missing(path, f"{key} (chunk {lost} of it)", array))
+
+
+def _check_size(chunk: Path, size: int) -> None:
+    """Refuse a chunk that says it unfolds to more than its numbers are."""
+    said, length = plain_files.size_unfolded(chunk)
+    if (said is not None and said > 2 * size + plain_files.SMALL) or length > 2 * size + plain_files.SMALL:
+        raise ValueError(f"{chunk} unfolds to {said} bytes, from {length}; its numbers are {size}")
 
 
 def _missing(path: str, key: str, array: Any) -> str:
