@@ -364,7 +364,7 @@ def simulate(
 
     Examples
     --------
-    >>> tree = etendue.simulate("pipelines/smallest.toml", f_number=[2, 4])  # doctest: +SKIP
+    >>> tree = etendue.simulate("beam.toml", microphones=[4, 8])  # doctest: +SKIP
     """
     overrides: dict[str, Any] = {}
     for name, value in parameters.items():

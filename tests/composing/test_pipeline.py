@@ -99,7 +99,7 @@ def test_a_stage_as_value_of_an_axis_is_what_a_file_says():
         (lambda: s.uniform(widht=2), "uniform.widht: there is no such parameter; did you mean 'width'?"),
         (lambda: s.diffraction(f_number=2), "shared by stages: set it by Pipeline.camera(f_number=...)"),
         (lambda: etendue.Pipeline(s.irradiance), "stage 1: expected a placed stage, got the function"),
-        (lambda: grey().add("sharpen"), "expected a placed stage such as etendue.stages.irradiance(), got 'sharpen'"),
+        (lambda: grey().add("sharpen"), "expected a placed stage such as etendue.stages.NAME(), got 'sharpen'"),
         (lambda: etendue.Pipeline(f_number=2), "f_number: is a camera quantity: Pipeline.camera(f_number=...)"),
         (lambda: grey().stage("scene", width=2), "no stage of the pipeline is named 'scene'"),
         (lambda: grey().sweep(f_number="2, 4"), "sweep.f_number: expected a list of values or span(...)"),

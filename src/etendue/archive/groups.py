@@ -73,7 +73,7 @@ def alike(cells: Sequence[Cell]) -> bool:
 
 
 def shape_names(cells: Sequence[Cell]) -> dict[CellRef, str]:
-    """A name for the shape of each cell: cells share one that have the same sizes, wavelength bins and labels.
+    """A name for the shape of each cell: cells share one that have the same sizes, bins and labels.
 
     ``64x64`` from the sizes of y and x, behind it every other dim that differs between the cells.
     """

@@ -1,4 +1,4 @@
-"""How a cell is cut into chunks: whole, by wavelength band, in row bands, or both.
+"""How a cell is cut into chunks: whole, by band, in row bands, or both.
 
 In:  dims, shape and bytes of a variable of one cell.
 Out: the shape of its chunks, which part of the cell each of them is; arrays cut so, and put together again.
@@ -39,7 +39,7 @@ def chunk_of(dims: Sequence[str], shape: Shape, itemsize: int) -> Shape:
 
 
 def known_chunk(shape: Shape, block: Mapping[str, Any]) -> Shape:
-    """The shape of the chunks of one cell, as the journal says; earlier versions knew whole cells and wavelength bands."""
+    """The shape of the chunks of one cell, as the journal says; earlier versions knew whole cells and bands."""
     whole = tuple(max(n, 1) for n in shape)
     return tuple(block["chunk"]) if "chunk" in block else whole if block["pieces"] == 1 else (1, *whole[1:])
 
@@ -73,7 +73,7 @@ def window_of(shape: Shape, chunk: Shape, at: Sequence[int]) -> Window:
 
 
 class Cutter:
-    """A cell being cut: one that is made by wavelength band (``Banded``) is asked for each of them once."""
+    """A cell being cut: one that is made by band (``Banded``) is asked for each of them once."""
 
     def __init__(self, array: Any) -> None:
         self.array, self.band, self.plane = array, -1, None

@@ -102,7 +102,7 @@ class StoredChunk:
 class StoredCell:
     """A cell that the journal calls done."""
 
-    name: str  # "sharpen f_number=2.0 pixel_pitch=3.0"
+    name: str  # "beam spacing=0.08 tone=2000.0"
     entry: Entry
     chunks: tuple[StoredChunk, ...]
 

@@ -55,7 +55,7 @@ class StoredArrays:
         return joined(((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own])
 
     def read_band(self, variable: str, band: int) -> Any:
-        """One wavelength band of a variable that is stored by band."""
+        """One band of a variable that is stored by band."""
         own = [(c, place) for c, place in self.chunks if c.variable == variable and c.window and c.window[0] == (band, band + 1)]
         return joined(((chunk.window, self._array(chunk, place)) for chunk, place in own), [chunk.window for chunk, _ in own])[0]
 

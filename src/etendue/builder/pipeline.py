@@ -75,15 +75,15 @@ class Pipeline(Extended, Source):
 
     Parameters
     ----------
-    *stages : ``etendue.stages.NAME(...)``, in the order of the light
+    *stages : ``etendue.stages.NAME(...)``, in their order
     name, seed, tolerance, ... : keys of a pipeline file
 
     Examples
     --------
     >>> import etendue
     >>> from etendue import stages as s
-    >>> made = etendue.Pipeline(s.uniform(white_luminance="100 cd m-2", width="80 um", height="80 um"), s.irradiance(), name="grey")
-    >>> made = made.camera(f_number=4).sweep(f_number=[2, 4])
+    >>> made = etendue.Pipeline(s.plane_wave(samples=512), s.phasors(), name="heard")  # of etendue-array
+    >>> made = made.shared(spacing="8 cm").sweep(microphones=[4, 8])
     >>> made.plan().cells
     3
     """
@@ -169,8 +169,8 @@ class Pipeline(Extended, Source):
         return self.shared if not name.startswith("_") and name in tables() else super().__getattr__(name)
 
     def sweep(self, **axes: Any) -> Pipeline:
-        """Axes: ``f_number=[2, 4]``, ``pixel_pitch=span("1 um", "3 um", 5)``, ``sharpen__strength=[0, 1]``,
-        ``demosaic__use=["demosaic_malvar", s.demosaic_residual()]``.
+        """Axes: ``microphones=[4, 8]``, ``tone=span("1 kHz", "3 kHz", 5)``, ``noise__noise_rms=[0, 1]``,
+        ``beam__use=["delay_and_sum", s.my_beam()]``.
         """
         found = {}
         for name, values in axes.items():
@@ -326,7 +326,7 @@ def _no_stage(one: Any) -> str:
         return f"expected a placed stage, got the function {one!r}: call it"
     if isinstance(one, Stage):
         return f"expected a placed stage, got {one!r} itself: a stage of your own is installed, and then etendue.stages.NAME(...)"
-    return f"expected a placed stage such as etendue.stages.irradiance(), got {one!r}"
+    return f"expected a placed stage such as etendue.stages.NAME(), got {one!r}"
 
 
 def _no_word(word: str) -> str:
