@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.random import philox
-from etendue.compute.tables import SensorRandom
+from etendue.compute.tables import PatternRandom
 from etendue.contract.grid import Grid, Line
 from etendue_camera.electronics import dynamic_range, emva
 from etendue_camera.electronics.stages.exposure import Exposure, FullWell, ShotNoise
@@ -52,7 +52,7 @@ def times() -> Any:
 def frames(values: dict[str, Any], rate: float, seed: int, what: str) -> Any:
     """Raw frames (level, frame, y, x) of a light of so many electron/s, from the product's own stages."""
     chain = (ShotNoise, FullWell, ReadNoise, Adc)
-    light, sensor = np.full((ROWS, COLUMNS), rate, np.float32), SensorRandom(str(seed).encode(), GRID, "float32")
+    light, sensor = np.full((ROWS, COLUMNS), rate, np.float32), PatternRandom(str(seed).encode(), GRID, "float32")
     exposed = [stage(Exposure, values, integration_time=float(time)).run(light, sensor)["expected_charge"] for time in times()]
     charge = np.repeat(exposed, FRAMES, axis=0)
     for kind in chain:

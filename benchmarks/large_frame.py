@@ -127,7 +127,7 @@ def reference(store: str, out: str) -> None:
     number = float(radiometry.working_f_number(F_NUMBER, 0.0))
     sums: Any = 0
     for band, wavelength in enumerate(bounds.mean(1) * 1e-3):
-        half = sampling.spectrum(np.asarray(cube[band], dtype=float))
+        half = sampling.transform(np.asarray(cube[band], dtype=float))
         otf = diffraction.circular_otf(radial, wavelength, number)
         alpha = float(silicon.absorption(np.array(wavelength)))
         otf = otf * photodiode.collection_mtf(radial, alpha, pixel.depletion_depth, pixel.diffusion_depth, pixel.diffusion_length)

@@ -85,7 +85,7 @@ def pixels() -> None:
     for count in parts:
         size, spacing = 41 * int(count), 5.4 / count
         axis = cells.Axis(size, spacing)
-        rules = [cells.aperture_rule(axis, 5.4, 0.0, half) for half in (False, True)]
+        rules = [cells.window_rule(axis, 5.4, 0.0, half) for half in (False, True)]
         otf = airy(0.55, 2.8)
         table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
         found.append(float(cells.planes_of(table + 0j, axis, axis)[0, 0]) * count**2)
@@ -100,7 +100,7 @@ def pixels() -> None:
     for otf in (airy(0.55, 2.8), silicon_at(0.65), lambda fy, fx: lens.gaussian_otf(fy, fx, 0.8)):
         y, x = cells.Axis(60, 2.0), cells.Axis(64, 2.0)
         half, reach = np.fft.rfft2(rng.uniform(0, 1, (60, 64))), cells.reach_of(otf, 2.0)
-        rules = [cells.aperture_rule(y, 2.9, 0.3, False), cells.aperture_rule(x, 2.9, -0.4, True)]
+        rules = [cells.window_rule(y, 2.9, 0.3, False), cells.window_rule(x, 2.9, -0.4, True)]
         first = cells.planes_of(half * cells.folded(otf, reach, y, x, *rules), y, x)
         at = np.arange(60) + 0.3, np.arange(64) - 0.4
         second = cell_pixels.evaluated([otf], [reach], np.ones((1, 1)), half[None], y, x, at, (2.9, 2.9))[0]

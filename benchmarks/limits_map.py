@@ -19,7 +19,8 @@ import numpy as np
 import xarray
 
 import etendue
-from etendue.present.plots.panels import Sides, map_of_names, map_of_numbers
+from etendue.contract.variables import variable
+from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.plot import Plot
 
 PIPELINE = Path(__file__).parent.parent / "pipelines" / "resolution.toml"
@@ -37,12 +38,12 @@ def drawn(tree: xarray.DataTree, folder: Path) -> None:
     f_numbers, pitches = analytic.f_number.values, analytic.pixel_pitch.values
     sides = {"x": f_numbers, "y": pitches, "x_name": "f-number", "y_name": "pixel pitch, um"}
     values = analytic.mtf50_lp_mm.transpose("stage", "pixel_pitch", "f_number").values
-    figure = map_of_numbers(values, Sides(panels=analytic.stage.values, **sides), "MTF50 up to each stage, analytic", "lp/mm")
+    figure = map_of_figures(values, Sides(panels=analytic.stage.values, **sides), "MTF50 up to each stage, analytic", "lp/mm")
     Plot(figure).save(folder / "mtf50_by_stage.png")
     longest = measured.isel(integration_time=-2)
     edges = 1e3 * longest.edge_mtf50.transpose("stage", "pixel_pitch", "f_number")
     title = f"MTF50 measured on a slanted edge, {1e3 * float(longest.integration_time):g} ms"
-    figure = map_of_numbers(edges.values, Sides(panels=edges.stage.values, **sides), title, "lp/mm")
+    figure = map_of_figures(edges.values, Sides(panels=edges.stage.values, **sides), title, "lp/mm")
     Plot(figure).save(folder / "edge_mtf50_by_stage.png")
     panels = ["transfer functions alone", *(f"{1e3 * t:g} ms" for t in measured.integration_time.values)]
     factors = np.concatenate(
@@ -52,7 +53,9 @@ def drawn(tree: xarray.DataTree, folder: Path) -> None:
         ]
     )
     names = [str(n) for n in measured.factor.values]
-    figure = map_of_names(factors, names, Sides(panels=panels, **sides), "What limits resolution", said="clipped")
+    figure = map_of_names(
+        factors, names, Sides(panels=panels, **sides), "What limits resolution", said="clipped", tints=variable("limiting_factor").tints
+    )
     Plot(figure).save(folder / "limiting_factor.png")
 
 

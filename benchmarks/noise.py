@@ -16,7 +16,7 @@ import numpy as np
 
 import etendue
 from etendue.compute.random import philox
-from etendue.compute.tables import SensorRandom
+from etendue.compute.tables import PatternRandom
 from etendue.contract.grid import Grid, Line
 from etendue_camera.electronics import converter, distributions, dynamic_range, noise
 from etendue_camera.electronics.stages.exposure import Exposure, FullWell, ShotNoise
@@ -97,7 +97,7 @@ def chain(charge: Any, seed: str, **values: Any) -> dict[str, Any]:
         stage = kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__})
         given = {"rng": philox(f"{seed}|{kind.__name__}".encode())} if kind in (ShotNoise, ReadNoise) else {}
         if kind is ReadNoise:
-            given["rng_sensor"] = SensorRandom(b"sensor", GRID, "float32")
+            given["rng_sensor"] = PatternRandom(b"sensor", GRID, "float32")
         port = next(iter(kind.reads))
         found |= stage.run(found[port], **given)
     return found
@@ -139,7 +139,7 @@ def codes() -> None:
 def patterns() -> None:
     print("fixed patterns: DSNU and PRNU belong to the sensor")
     flat = np.full((ROWS, COLUMNS), 1e5, np.float32)
-    sensor = SensorRandom(b"sensor", GRID, "float32")
+    sensor = PatternRandom(b"sensor", GRID, "float32")
     expected = [Exposure(integration_time=time, prnu=0.01).run(flat, sensor)["expected_charge"] for time in (0.05, 0.05, 0.0125)]
     values = {"read_noise": 0.0, "dsnu": 5.0, "conversion_gain": 0.25, "full_well_density": 1e4}
     frame_to_frame = np.corrcoef(expected[0].ravel(), expected[1].ravel())[0, 1]
@@ -153,7 +153,7 @@ def patterns() -> None:
     covariance = float(np.cov(noisy[0].ravel(), noisy[1].ravel())[0, 1])
     claim("DSNU: covariance of two frames with shot noise, electron^2", "25 +- 0.8", f"{covariance:.2f}", abs(covariance - 25) < 0.8)
     small = Grid.of({"y": Line(40, 30.0, 1.0, "1", (0.0, 5.4)), "x": Line(33, 50.0, 1.0, "1", (0.0, 5.4))})
-    crop, window = (SensorRandom(b"s", g, "float32") for g in (GRID, small))
+    crop, window = (PatternRandom(b"s", g, "float32") for g in (GRID, small))
     same = np.array_equal(crop.normal("prnu")[30:70, 50:83], window.normal("prnu"))
     lines = np.array_equal(crop.row_normal("row")[30:70], window.row_normal("row"))
     claim("a window of the sensor equals the crop, pixels and rows", "bit for bit", str(bool(same and lines)), bool(same and lines))

@@ -147,7 +147,7 @@ def contrast(samples: float, cycles: float, diffuse: bool, pixels: int = 400, pi
     x = step * (np.arange(size) - 0.5 * (size - 1))
     light = np.broadcast_to(1 + 0.5 * np.cos(2 * np.pi * f * x + 0.3), (16, size))[None]
     fy, fx = sampling.frequencies(16, step, half=False)[:, None], sampling.frequencies(size, step, half=True)[None, :]
-    half = sampling.spectrum(light) * Pixel(peak_qe=(0.5,), pixel_pitch=pitch, aperture_fraction=1.0).transfer(fy, fx, None, None)
+    half = sampling.transform(light) * Pixel(peak_qe=(0.5,), pixel_pitch=pitch, aperture_fraction=1.0).transfer(fy, fx, None, None)
     if diffuse:
         half = half * Diffusion().transfer(fy, fx, np.array([[[0.6]]]))
     count = pixels - 8

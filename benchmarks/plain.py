@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.random import philox
-from etendue.compute.tables import SensorRandom, coordinates_of, prepared_of
+from etendue.compute.tables import PatternRandom, coordinates_of, prepared_of
 from etendue.contract.registry import installed_stages
 from etendue.contract.stage import arguments_of
 from etendue.pipeline.file import read_pipeline
@@ -97,14 +97,14 @@ class Camera:
         return lit, made["white_irradiance"].astype(self.dtype)
 
     def blurred(self, irradiance: Any, at: dict[str, int]) -> Any:
-        spectrum = sampling.spectrum(irradiance)
+        spectrum = sampling.transform(irradiance)
         for name in ("lens", "diffusion"):
             spectrum = spectrum * self.otf(self.cell(name, **at), self.dtype)
         return spectrum
 
     def pixel(self, spectrum: Any, at: dict[str, int]) -> Any:
         cell = self.cell("pixel", **at)
-        channels = sampling.sum_over_wavelength(cell.stage.weights(self.prepared(cell)), spectrum) * self.otf(cell, self.dtype)
+        channels = sampling.sum_over_bands(cell.stage.weights(self.prepared(cell)), spectrum) * self.otf(cell, self.dtype)
         light, out = cell.input_grids["irradiance"], cell.grids["photon_rate"]
         where = []
         for dim in ("y", "x"):
@@ -115,7 +115,7 @@ class Camera:
 
     def develop(self, photocurrent: Any, whites: tuple[Any, Any], at: dict[str, int]) -> Any:
         cell = self.cell("exposure", **at)
-        sensor = SensorRandom(b"1", cell.grids["expected_charge"], self.plan.precision)
+        sensor = PatternRandom(b"1", cell.grids["expected_charge"], self.plan.precision)
         charge = cell.stage.run(np.maximum(photocurrent, 0), sensor)["expected_charge"]
         cell = self.cell("shot_noise", **at)
         charge = cell.stage.run(charge, philox(cell.seed))["charge"]
@@ -172,8 +172,8 @@ def naive(plan: Plan, point: tuple[int, ...], separate: bool) -> Any:
         ny, nx = irradiance.shape[1:]
         for name in ("lens", "diffusion"):
             otf = camera.otf(camera.cell(name, **at), np.float64)
-            irradiance = sampling.planes_of(sampling.spectrum(irradiance) * otf, ny, nx)
-        spectrum = sampling.spectrum(irradiance)
+            irradiance = sampling.planes_of(sampling.transform(irradiance) * otf, ny, nx)
+        spectrum = sampling.transform(irradiance)
     else:
         spectrum = camera.blurred(irradiance, at)
     return camera.develop(camera.pixel(spectrum, at), (white, white_irradiance), at)

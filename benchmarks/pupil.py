@@ -123,7 +123,7 @@ def transfer_functions() -> None:
     point[256, 256] = 1.0
     edge = np.zeros((512, 512))
     edge[:, 256:] = 1.0
-    spectra = [sampling.spectrum(scene) for scene in (edge, point)]
+    spectra = [sampling.transform(scene) for scene in (edge, point)]
     first = np.array([[[0.4]]])
     stated = {"irradiance": _Grid()}
 

@@ -19,7 +19,6 @@ PHRASES = (  # whole commands first, as options stand in them
     ("etendue plot ARCHIVE pareto FIGURE FIGURE", "plot.pareto('FIGURE', 'FIGURE')"),
     ("etendue plot ARCHIVE --list", "etendue.Archive(...).tree.etendue.list()"),
     ("etendue compare --axis", "Pipeline.compare(...)"),
-    ("etendue sensors lists them", "they are listed by the command `etendue sensors`"),
     ("leave out --at", "give no values of axes"),
     ("choose cells with --at, such as --at ", "choose cells, such as with "),
     ("or write them with --all", "or write them with everything=True"),
@@ -29,6 +28,7 @@ PHRASES = (  # whole commands first, as options stand in them
 TYPED = ("prune", "accept-platform", "recompute", "cell-timeout")  # which only the command takes
 KINDS = ("dng", "tiff", "png")  # of exported files
 ARGUMENTS = {"variable": "variables", "all": "everything"}
+_LISTED = re.compile(r"\b(etendue [a-z-]+) lists them")
 _COMMAND = re.compile(r"\betendue (?:[a-z]+\b)[^;:,()\n]*")
 _TEXT = r"'[^']*'"
 _AGAIN = re.compile(rf"\b(\w+)={_TEXT}(?: \1={_TEXT})+")
@@ -37,10 +37,11 @@ _OPTION = re.compile(r"--([a-z][a-z-]*)(?: (?!(?:and|or|of|is|to|in|on|with|wher
 
 
 def in_arguments(text: str) -> str:
-    """A message in the words of a call: ``--scheduler thread`` is ``scheduler='thread'``, ``--at f_number=4`` is ``f_number=4``.
+    """A message in the words of a call: ``--scheduler thread`` is ``scheduler='thread'``, ``--at NAME=4`` is ``NAME=4``.
 
     Commands to be typed elsewhere stay as they are.
     """
+    text = _LISTED.sub(r"they are listed by the command `\1`", text)
     for phrase, said in PHRASES:
         text = text.replace(phrase, said)
     kept: list[str] = []

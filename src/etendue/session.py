@@ -20,6 +20,7 @@ from etendue.compute.jobs import make_jobs
 from etendue.compute.tables import TABLES
 from etendue.contract.ports import CellReport, Keeper, Progress
 from etendue.contract.registry import installed_stages
+from etendue.contract.tables import SHARED
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.file import Pipeline, Source, from_document, overridden, parse_pipeline, read_pipeline, refuse_large
 from etendue.pipeline.overrides import TOP, apply_overrides
@@ -364,7 +365,7 @@ def simulate(
 
     Examples
     --------
-    >>> tree = etendue.simulate("beam.toml", microphones=[4, 8])  # doctest: +SKIP
+    >>> tree = etendue.simulate("pipelines/smallest.toml", seed=2)  # doctest: +SKIP
     """
     overrides: dict[str, Any] = {}
     for name, value in parameters.items():
@@ -376,7 +377,7 @@ def simulate(
         elif isinstance(value, list | tuple | dict):
             overrides[f"sweep.{key}"] = list(value) if not isinstance(value, dict) else value
         else:
-            overrides[key] = value
+            overrides[key if "." in key else f"{SHARED}.{key}"] = value
     if want is not None:
         overrides["wanted"] = [want] if isinstance(want, str) else list(want)
     plan = planner.make_plan(load(pipeline, overrides), installed_stages(), leave_out)

@@ -1,13 +1,14 @@
 """What etendue itself brings, by the same hooks as any distribution.
 
 In:  the tables in ``data/``.
-Out: stages, variables, camera quantities, sensors, roles and spectra by name.
+Out: stages, variables, camera quantities, sensors, roles and spectra by name; what is shown first, and how it is called.
 """
 
 from __future__ import annotations
 
 import csv
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,11 @@ LIBRARY = "colour-science"  # in place of a path: a table of this library
 
 def _table(name: str) -> dict[str, Any]:
     return tomllib.loads((DATA / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@cache
+def _shown() -> dict[str, Any]:
+    return _table("shown")
 
 
 @hookimpl
@@ -35,6 +41,14 @@ def etendue_variables() -> dict[str, Any]:
     for word, names in _table("subjects").items():
         for rank, name in enumerate(names):
             found[name] |= {"subject": word, "rank": rank}
+    for name, words in _shown()["variables"].items():
+        found[name] |= words
+    for rank, names in _shown()["curve"].items():
+        for name in names:
+            found[name]["curve"] = int(rank)
+    for word, names in _shown()["true"].items():
+        for name in names:
+            found[name][word] = True
     return found
 
 
@@ -65,6 +79,21 @@ def etendue_vocabularies() -> dict[str, Any]:
 def etendue_spectra() -> dict[str, str]:
     rows = csv.reader(line for line in (DATA / "spectral_tables.csv").read_text(encoding="utf-8").splitlines() if line[0] != "#")
     return {"flat": LIBRARY, **{name: LIBRARY for kind, name, *_ in rows if kind not in ("kind", "rgb_space")}}
+
+
+@hookimpl
+def etendue_dims() -> dict[str, Any]:
+    return dict(_shown()["dims"])
+
+
+@hookimpl
+def etendue_units() -> dict[str, str]:
+    return {"electron": "", "DN": ""}
+
+
+@hookimpl
+def etendue_patterns() -> dict[str, str]:
+    return {"rng_sensor": "sensor_serial"}
 
 
 @hookimpl
@@ -117,3 +146,33 @@ def etendue_beginnings() -> dict[str, Any]:
 @hookimpl
 def etendue_elsewhere() -> dict[str, Any]:
     return _table("plugins")
+
+
+@hookimpl
+def etendue_first() -> dict[str, Any]:
+    return dict(_shown()["first"])
+
+
+@hookimpl
+def etendue_words() -> dict[str, Any]:
+    return dict(_shown()["words"])
+
+
+@hookimpl
+def etendue_spelling() -> dict[str, Any]:
+    return dict(_shown()["spelling"])
+
+
+@hookimpl
+def etendue_subjects() -> dict[str, Any]:
+    return dict(_shown()["subjects"])
+
+
+@hookimpl
+def etendue_scales() -> dict[str, Any]:
+    return dict(_shown()["units"])
+
+
+@hookimpl
+def etendue_examples() -> dict[str, Any]:
+    return dict(_shown()["examples"])

@@ -1,4 +1,4 @@
-"""What the laboratory brings, by the same hooks as any distribution: its commands, and methods of pipelines and archives."""
+"""What the laboratory brings, by the same hooks as any distribution: its commands, plots, and methods of pipelines and archives."""
 
 from __future__ import annotations
 
@@ -34,3 +34,20 @@ def etendue_methods() -> dict[str, str]:
 @hookimpl
 def etendue_shares() -> dict[str, str]:
     return {"losses": "etendue_lab.losses.archived:losses_at"}
+
+
+@hookimpl
+def etendue_plots() -> dict[str, Any]:
+    return {
+        "limits": {
+            "place": "etendue.present.plots.asked:names_of",
+            "doc": "which factor limits resolution where",
+            "uses": ("x", "y", "panels", "at"),
+            "index": True,
+        }
+    }
+
+
+@hookimpl
+def etendue_words() -> dict[str, str]:
+    return {"lost": "contrast, SNR and colour", "lost_words": "contrast, signal-to-noise ratio and colour"}

@@ -8,7 +8,7 @@ import pytest
 
 import etendue
 from etendue.compute.random import tiled_normal
-from etendue.compute.tables import SensorRandom
+from etendue.compute.tables import PatternRandom
 from etendue.contract.grid import Grid, Line
 
 SIDE = 384  # pixels: half of them, the hot ones, scatter a correlation by 0.0037, a fifth of what is allowed
@@ -153,7 +153,7 @@ def test_names_kinds_and_serials_part_patterns_and_nothing_else_does(serials):
     pixels, rows, columns = (Grid.of({"y": Line(n), "x": Line(m)}) for n, m in ((256, 256), (50_000, 1), (1, 50_000)))
 
     def drawn(serial, name):
-        one, down, along = (SensorRandom(serial.encode(), grid, "float64") for grid in (pixels, rows, columns))
+        one, down, along = (PatternRandom(serial.encode(), grid, "float64") for grid in (pixels, rows, columns))
         return {
             "normal": one.normal(name), "uniform": one.uniform(name),
             "row": down.row_normal(name), "column": along.column_normal(name),
@@ -171,8 +171,8 @@ def test_names_kinds_and_serials_part_patterns_and_nothing_else_does(serials):
 
 def test_what_joins_a_serial_and_a_name_is_in_neither():
     grid = Grid.of({"y": Line(256), "x": Line(256)})
-    assert correlation(SensorRandom(b"1|a", grid, "float32").normal("b"), SensorRandom(b"1", grid, "float32").normal("a|b")) < APART
-    assert correlation(SensorRandom(b"1", grid, "float32").normal("b"), SensorRandom(b"", grid, "float32").normal("1b")) < APART
+    assert correlation(PatternRandom(b"1|a", grid, "float32").normal("b"), PatternRandom(b"1", grid, "float32").normal("a|b")) < APART
+    assert correlation(PatternRandom(b"1", grid, "float32").normal("b"), PatternRandom(b"", grid, "float32").normal("1b")) < APART
 
 
 def test_a_pattern_of_larger_pixels_is_cut_like_any_other():
@@ -180,7 +180,7 @@ def test_a_pattern_of_larger_pixels_is_cut_like_any_other():
     whole = Grid.of({"y": Line(60, 0.5, 2.0), "x": Line(50, 0.5, 2.0)})
     part = Grid.of({"y": Line(20, 20.5, 2.0), "x": Line(10, 10.5, 2.0)})
     for how in ("normal", "uniform"):
-        one, other = (getattr(SensorRandom(b"1", grid, "float32"), how)("a") for grid in (whole, part))
+        one, other = (getattr(PatternRandom(b"1", grid, "float32"), how)("a") for grid in (whole, part))
         np.testing.assert_array_equal(one[10:30, 5:15], other)
 
 

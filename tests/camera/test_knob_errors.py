@@ -58,7 +58,7 @@ def frequencies(grid):
 
 
 def filtered(light, transfer, grid):
-    return sampling.planes_of(sampling.spectrum(light) * transfer, grid.line("y").size, grid.line("x").size)
+    return sampling.planes_of(sampling.transform(light) * transfer, grid.line("y").size, grid.line("x").size)
 
 
 def blurred(stage, light, grid):
@@ -175,9 +175,9 @@ def wavelength_terms(random):
     aperture, transfer = stage.transfer(fy, fx, None, None), product.at(fy, fx)
     exact = np.einsum("cl,lyx->cyx", weights, filtered(planes, transfer * aperture, grid))
     frequency = np.linspace(0, 0.5 * math.hypot(1 / grid.line("y").step, 1 / grid.line("x").step), expansion.FITTED)
-    basis = expansion.wavelength_basis(weights, terms, product.along(frequency), expansion.importance(frequency))
+    basis = expansion.band_basis(weights, terms, product.along(frequency), expansion.importance(frequency))
     own = expansion.coefficients(weights, basis, transfer.reshape(len(transfer), -1)).reshape(len(weights), terms, *transfer.shape[1:])
-    gathered = sampling.spectrum(np.einsum("kl,lyx->kyx", basis, planes))
+    gathered = sampling.transform(np.einsum("kl,lyx->kyx", basis, planes))
     found = sampling.planes_of((own * gathered * aperture).sum(axis=1), grid.line("y").size, grid.line("x").size)
     return share(found, exact, stage.segment_error(before, UNKNOWN, {"irradiance": grid}, "float64")[0])
 

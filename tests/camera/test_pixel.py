@@ -29,7 +29,7 @@ def contrast(samples_per_pixel, cycles_per_pixel, diffusion, pixels=160, pitch=2
     f = cycles_per_pixel / pitch
     light = np.broadcast_to(1 + 0.5 * np.cos(2 * np.pi * f * x + phase), (16, size))[None]
     fy, fx = sampling.frequencies(16, step, half=False)[:, None], sampling.frequencies(size, step, half=True)[None, :]
-    half = sampling.spectrum(light)
+    half = sampling.transform(light)
     if diffusion:
         half = half * Diffusion().transfer(fy, fx, np.array([[[0.6]]]))
     half = half * Pixel(**QE, pixel_pitch=pitch, aperture_fraction=1.0).transfer(fy, fx, None, None)

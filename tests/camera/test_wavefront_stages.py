@@ -87,7 +87,7 @@ def test_more_pupil_samples_come_closer():
     exact = transfer(Wavefront(**values, pupil_samples=1024))
     point = np.zeros((40, 48))
     point[20, 24] = 1.0
-    spectrum = sampling.spectrum(point)
+    spectrum = sampling.transform(point)
     truth = sampling.planes_of(spectrum * exact[0], 40, 48)
     errors = []
     for samples in (64, 128, 256):
@@ -160,7 +160,7 @@ def test_aberrations_over_the_field_are_locally_those_of_one_wavefront():
     local = Wavefront(**values, field_y=2.0, field_x=1.5)
     fy = sampling.frequencies(size, step, half=False)[:, None]
     fx = sampling.frequencies(size, step, half=True)[None, :]
-    exact = sampling.planes_of(sampling.spectrum(light) * local.transfer(fy, fx, bands[:, None, None] * 1e-3), size, size)
+    exact = sampling.planes_of(sampling.transform(light) * local.transfer(fy, fx, bands[:, None, None] * 1e-3), size, size)
     # the accuracy asked for; measured 2 %
     assert np.abs(found - exact).max() < 0.1 * exact.max()
     # and it is not the spot of a perfect lens

@@ -14,6 +14,7 @@ import xarray
 
 from tests.cli.test_plugins import hook, install
 from tests.fresh import process
+from tests.page.conftest import embedded_document
 
 SITE = Path(__file__).parents[1] / "plugins" / "halation"
 FROM = "etendue-halation"
@@ -117,6 +118,35 @@ def test_the_contact_sheet_shows_the_variable_as_its_distribution_says(archive):
         far = [np.abs(shown - 255 * plane / 20).max() for plane in tree["halation/halo"].values]
     assert min(far) <= 0.5 + 1e-3 < max(far)  # from 0 to 20 percent, in 8 bits: one of the two cells
     assert (archive / "contact_sheet.png").stat().st_size > 0
+
+
+def test_a_kind_of_plot_is_listed_drawn_and_refused_like_the_built_in_ones(archive, place):
+    assert told(place, "plot", "a", "--list")["kinds"]["glow"] == "how much light comes back, pixel by pixel"
+    assert told(place, "plot", "a", "glow", "-o", "glow.svg", "--at", "film_base=400 um")["kind"] == "glow"
+    assert (place / "glow.svg").read_text().startswith("<?xml")
+    for words, code, why in (
+        (("glow", "--lines", "film_base"), 2, "--lines is for curves, not for glow"),
+        (("glow", "halo", "halo"), 2, "glow draws 1 variable, not halo, halo"),
+        (("nothing",), 3, "the kind of plot 'nothing' gives int; expected a figure of matplotlib"),
+    ):
+        refused = etendue(place, "plot", "a", *words)
+        assert refused.returncode == code and why in refused.stderr
+
+
+def test_a_section_of_its_own_stands_in_the_report_and_a_broken_one_says_why(archive, place):
+    told(place, "report", "a", "-o", "report.html")
+    made = embedded_document((place / "report.html").read_text())
+    own, broken, wrong = made["sections"]
+    assert (own["title"], own["origin"], own["why"]) == ("Light that comes back", f"{FROM} 1.0", "")
+    text, table, picture = own["blocks"]
+    assert text == {"paragraph": "<b>Read as text</b>: of the light behind the lens some comes back from the base."}
+    assert [row[0] for row in table["table"]["rows"]] == ["least", "most"] and 0 < table["table"]["rows"][0][1] <= table["table"]["rows"][
+        1
+    ][1]
+    assert picture["picture"].startswith("data:image/png;base64,") and picture["alt"] == "where it comes back"
+    assert "nothing came back" in broken["why"] and not broken["blocks"]
+    assert "block 1 cannot be read; expected a list of {'paragraph': text}" in wrong["why"]
+    assert made["spelling"]["halo"] == "HALO" and made["words"]["cell"] == "camera"
 
 
 def test_compare_ranks_the_alternatives_of_a_role_of_ones_own(place):

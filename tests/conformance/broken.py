@@ -191,7 +191,7 @@ class DefaultOutOfRange(Sound):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherUnit(Sound):
-    pixel_pitch: float = param(5.4e-3, units="mm", above=0, camera=True)
+    pixel_pitch: float = param(5.4e-3, units="mm", above=0, shared=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,13 +59,13 @@ BROKEN = [
     ),
     (
         broken.BlindToItsWindow,
-        "test_a_window_of_the_sensor_is_read_where_it_stands",
+        "test_a_window_of_the_whole_is_read_where_it_stands",
         "from row 1, column 0 on, of even colours, is .* masks",
     ),
-    (broken.BlindInPart, "test_a_window_of_the_sensor_is_read_where_it_stands", "from row 0, column 1 on, of even colours, is .* masks"),
+    (broken.BlindInPart, "test_a_window_of_the_whole_is_read_where_it_stands", "from row 0, column 1 on, of even colours, is .* masks"),
     (
         broken.BandedFromItsWindow,
-        "test_a_window_of_the_sensor_is_read_where_it_stands",
+        "test_a_window_of_the_whole_is_read_where_it_stands",
         "from row 0, column 1 on, of a picture, is .* masks",
     ),
     (broken.FalseMean, "test_its_mean_is_that_of_its_draws", "but mean says"),

@@ -101,7 +101,7 @@ def test_pixels_hold_the_exact_energy_of_an_airy_pattern(pitch, wavelength, numb
     spacing, size = pitch / parts, frame * parts
     axis = cells.Axis(size, spacing)
     otf = airy(wavelength, number)
-    rules = [cells.aperture_rule(axis, pitch, 0.0, half) for half in (False, True)]
+    rules = [cells.window_rule(axis, pitch, 0.0, half) for half in (False, True)]
     table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
     found = np.fft.irfft2(table, s=(size, size))[::parts, ::parts] * parts**2
     reach = parts // 2 + 3
@@ -133,7 +133,7 @@ def test_a_pixel_of_the_paper_converges_to_its_exact_energy_in_the_second_order(
         size, spacing = 41 * count, 5.4 / count
         axis = cells.Axis(size, spacing)
         otf = airy(0.55, 2.8)
-        rules = [cells.aperture_rule(axis, 5.4, 0.0, half) for half in (False, True)]
+        rules = [cells.window_rule(axis, 5.4, 0.0, half) for half in (False, True)]
         table = cells.folded(otf, cells.reach_of(otf, spacing), axis, axis, *rules)
         found.append(np.fft.irfft2(table, s=(size, size))[0, 0] * count**2)
     # the smear of the source: its variance times the curvature of a pixel's energy, and the next order
@@ -172,7 +172,7 @@ def test_folding_and_the_extended_transform_agree_on_pixels_between_the_cells(na
         plane = rng.uniform(0, 1, (ny, nx))
         y, x = cells.Axis(ny, spacing), cells.Axis(nx, spacing)
         reach, half = cells.reach_of(otf, spacing), np.fft.rfft2(plane)
-        rules = cells.aperture_rule(y, width, 0.3, False), cells.aperture_rule(x, width, -0.45, True)
+        rules = cells.window_rule(y, width, 0.3, False), cells.window_rule(x, width, -0.45, True)
         first = cells.planes_of(half * cells.folded(otf, reach, y, x, *rules), y, x)
         centres = np.arange(ny) + 0.3, np.arange(nx) - 0.45
         second = cell_pixels.evaluated([otf], [reach], np.ones((1, 1)), half[None], y, x, centres, (width, width))[0]
@@ -276,4 +276,4 @@ def test_what_is_no_window_is_said_to_be_none():
 @pytest.mark.parametrize("width", [-1.0, float("inf"), float("nan")])
 def test_widths_that_cannot_be_are_refused(width):
     with pytest.raises(ValueError, match="width"):
-        cells.aperture_rule(cells.Axis(8, 1.0), width, 0.0, False)
+        cells.window_rule(cells.Axis(8, 1.0), width, 0.0, False)

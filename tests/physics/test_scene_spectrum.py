@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from etendue.transfer import rings as scene_spectrum
+from etendue.transfer import rings as scene_rings
 from etendue.transfer import sampling
 
 SIZES = st.tuples(st.integers(5, 70), st.integers(5, 70))
 
 
 def sums(plane, step=(0.7, 1.1)):
-    edges = scene_spectrum.ring_edges(*plane.shape, *step)
-    return edges, *scene_spectrum.ring_sums(plane, *step, edges)
+    edges = scene_rings.ring_edges(*plane.shape, *step)
+    return edges, *scene_rings.ring_sums(plane, *step, edges)
 
 
 @settings(max_examples=40, deadline=None)
@@ -29,13 +29,13 @@ def test_power_bounds_the_mean_square_and_amplitude_the_largest_value_of_any_fil
     columns = sampling.frequencies(sizes[1], step[1], half=True)[None, :]
     radial = np.hypot(rows, columns)
     factor = (1 - np.exp(-((smooth * radial) ** 2))) * 3 * np.cos(5 * radial)
-    half = sampling.spectrum(plane) * factor
+    half = sampling.transform(plane) * factor
     half[0, 0] = 0
     left = sampling.planes_of(half, *sizes)
-    ring = scene_spectrum.rings_of(radial, edges)
+    ring = scene_rings.rings_of(radial, edges)
     largest = np.array([np.abs(factor[ring == i]).max(initial=0.0) for i in range(edges.size - 1)])
-    assert np.sqrt((left**2).mean()) <= scene_spectrum.rms_of(largest[None], power[None]) * (1 + 1e-9)
-    assert np.abs(left).max() <= scene_spectrum.largest_of(largest[None], amplitude[None]) * (1 + 1e-9) + 1e-15
+    assert np.sqrt((left**2).mean()) <= scene_rings.rms_of(largest[None], power[None]) * (1 + 1e-9)
+    assert np.abs(left).max() <= scene_rings.largest_of(largest[None], amplitude[None]) * (1 + 1e-9) + 1e-15
 
 
 def test_a_wave_lies_in_its_ring_with_its_own_mean_square_and_amplitude():
@@ -43,7 +43,7 @@ def test_a_wave_lies_in_its_ring_with_its_own_mean_square_and_amplitude():
     assert sampling.padded_size(n) % 8 == 0
     wave = np.cos(2 * np.pi * (np.arange(n) + 0.5) / 8)[None, :] * np.ones((n, 1))
     edges, power, amplitude = sums(wave, (1.0, 1.0))
-    ring = int(scene_spectrum.rings_of(np.array(1 / 8), edges))
+    ring = int(scene_rings.rings_of(np.array(1 / 8), edges))
     assert edges[ring] < 1 / 8 <= edges[ring + 1]
     area = (sampling.padded_size(n) / n) ** 2
     assert_allclose(power[ring] / area, 0.5, rtol=0.02)  # the cross-faded mirror behind the frame is not quite the wave
@@ -54,11 +54,11 @@ def test_a_wave_lies_in_its_ring_with_its_own_mean_square_and_amplitude():
 @settings(max_examples=30, deadline=None)
 @given(sizes=SIZES, step=st.tuples(st.floats(0.05, 20), st.floats(0.05, 20)))
 def test_every_frequency_lies_in_one_ring(sizes, step):
-    edges = scene_spectrum.ring_edges(*sizes, *step)
+    edges = scene_rings.ring_edges(*sizes, *step)
     rows = sampling.frequencies(sizes[0], step[0], half=False)[:, None]
     columns = sampling.frequencies(sizes[1], step[1], half=True)[None, :]
     radial = np.hypot(rows, columns).ravel()[1:]
-    ring = scene_spectrum.rings_of(radial, edges)
+    ring = scene_rings.rings_of(radial, edges)
     assert np.all(radial <= edges[ring + 1] * (1 + 1e-9))
     assert np.all(radial >= edges[ring] * (1 - 1e-9))
 
@@ -72,7 +72,7 @@ def test_uniform_light_holds_nothing_but_its_mean():
 @pytest.mark.parametrize("distance", [0.0, 0.3, 5.0])
 def test_what_is_moved_changes_by_no_more_than_twice_its_waves(distance):
     edges = np.array([0.0, 0.01, 0.1, 1.0])
-    found = scene_spectrum.moved(distance, edges)
+    found = scene_rings.moved(distance, edges)
     assert np.all(found <= 2)
     frequency = np.linspace(0, 1, 1001)
     change = np.abs(1 - np.exp(2j * np.pi * frequency * distance))
@@ -85,7 +85,7 @@ def test_low_terms_of_a_spectrum_evaluate_to_the_plane_where_there_is_nothing_be
     ny, nx = 96, 101
     y, x = np.arange(ny)[:, None], np.arange(nx)[None, :]
     plane = np.exp(-((y - 47.3) ** 2 + (x - 51.1) ** 2) / 40)
-    half = sampling.spectrum(plane)
+    half = sampling.transform(plane)
     shape = (2 * sampling.kept_terms(ny, 0.5) + 1, sampling.kept_terms(nx, 0.5) + 1)
     low = sampling.low_terms(half, shape)
     assert low.shape == shape

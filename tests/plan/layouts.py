@@ -37,12 +37,17 @@ class Layout:
     def written(self, n: str, root: Path) -> None:
         """Its files, and what an installer writes beside them."""
         for path, text in self.files.items():
-            if not path.startswith("etendue/"):
+            if not ours(path):
                 place = root / named(path, n)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 place.write_text(named(text, n))
         for name, metadata in self.metadata.items():
             install(root, named(name, n), named(metadata, n))
+
+
+def ours(path: str) -> bool:
+    """Whether a file is one of the packages of this distribution."""
+    return path.split("/")[0] in ("etendue", "etendue_camera", "etendue_lab")
 
 
 def named(text: str, n: str) -> str:

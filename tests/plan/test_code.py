@@ -11,7 +11,8 @@ from etendue.contract.capabilities import is_random, is_transfer
 from etendue.contract.registry import installed_stages
 from etendue.plan import code as code_of
 from etendue.plan import distributions, sources
-from etendue.plan.engine import ENGINE, MOVES, RANDOM_KERNELS, TRANSFER_KERNELS, only_moves
+from etendue.plan.engine import ENGINE, MOVES, TRANSFER_KERNELS, only_moves
+from etendue.plugins import discovery
 
 BUILT_IN = sorted(name for name in installed_stages().names() if installed_stages().installed(name).distribution == "etendue")
 
@@ -24,22 +25,29 @@ def forget():
                 found.cache_clear()
 
 
+def copied(folder, bytecode=False):
+    """The packages of the distribution in another folder."""
+    for name in discovery.own_packages():
+        hidden = () if bytecode else ("__pycache__", ".*")
+        shutil.copytree(sources.PACKAGE.parent / name, folder / name, ignore=shutil.ignore_patterns(*hidden))
+    return folder
+
+
 @pytest.fixture(scope="module")
 def code(tmp_path_factory):
-    """A copy of the package that a test may edit: its folder, a way to the digests of all built-in stages, and those unedited."""
-    package = tmp_path_factory.mktemp("code") / "etendue"
-    shutil.copytree(sources.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+    """A copy of the packages that a test may edit: their folder, a way to the digests of all built-in stages, and those unedited."""
+    packages = copied(tmp_path_factory.mktemp("code"))
 
     def digests():
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sources, "PACKAGE", package)
+            patch.setattr(sources, "PACKAGE", packages / "etendue")
             forget()
             try:
                 return {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
             finally:
                 forget()
 
-    return package, digests, digests()
+    return packages, digests, digests()
 
 
 @contextmanager
@@ -66,38 +74,42 @@ STAGES = {
     ("edited", "must", "must_not"),
     [
         (
-            "physics/mosaic/bilinear.py",
+            "etendue_camera/mosaic/bilinear.py",
             STAGES["reconstruct"],
             STAGES["optics"] | STAGES["sensor"] | {"uniform", "encode", "shot_noise"},
         ),
         (
-            "physics/sensor/photodiode.py",
+            "etendue_camera/sensor/photodiode.py",
             STAGES["sensor"] | {"white", "colour_fit"},
             STAGES["optics"] | STAGES["reconstruct"] | {"uniform"},
         ),
         (
-            "physics/sensor/cfa.py",
+            "etendue_camera/sensor/cfa.py",
             STAGES["reconstruct"] | STAGES["sensor"] | {"mosaic", "white"},
             STAGES["optics"] | {"uniform", "shot_noise"},
         ),
         (
-            "physics/optics/airy.py",
+            "etendue_camera/optics/airy.py",
             STAGES["lens"] | {"lens_numbers"},
             STAGES["optics"] | STAGES["sensor"] | STAGES["reconstruct"] | {"uniform", "encode"},
         ),
-        ("physics/light/sampling.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
-        ("physics/light/expansion.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
-        ("physics/electronics/noise.py", STAGES["random"], STAGES["reconstruct"] | STAGES["transfer"] | {"linearise"}),
-        ("stages/sensor/sensitivity.py", STAGES["sensor"] | {"white", "colour_fit"}, STAGES["optics"] | STAGES["reconstruct"]),
-        ("picture_files.py", {"photograph"}, STAGES["optics"] | STAGES["reconstruct"] | {"uniform"}),
-        ("data/silicon_absorption.csv", STAGES["sensor"] | {"white"}, STAGES["reconstruct"] | {"adc"}),
-        ("data/spectra.npz", {"uniform", "photograph", "camera_to_xyz"}, STAGES["reconstruct"] | {"adc"}),
-        *((f"{module.removeprefix('etendue.').replace('.', '/')}.py", set(BUILT_IN), set()) for module in ENGINE),
+        ("etendue/transfer/sampling.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
+        ("etendue/transfer/expansion.py", STAGES["transfer"], STAGES["reconstruct"] | {"adc", "lens_numbers"}),
+        ("etendue_camera/electronics/noise.py", {"shot_noise"}, STAGES["reconstruct"] | STAGES["transfer"] | {"linearise"}),
+        (
+            "etendue_camera/sensor/stages/sensitivity.py",
+            STAGES["sensor"] | {"white", "colour_fit"},
+            STAGES["optics"] | STAGES["reconstruct"],
+        ),
+        ("etendue_camera/picture_files.py", {"photograph"}, STAGES["optics"] | STAGES["reconstruct"] | {"uniform"}),
+        ("etendue_camera/data/silicon_absorption.csv", STAGES["sensor"] | {"white"}, STAGES["reconstruct"] | {"adc"}),
+        ("etendue_camera/data/spectra.npz", {"uniform", "photograph", "camera_to_xyz"}, STAGES["reconstruct"] | {"adc"}),
+        *((f"{module.replace('.', '/')}.py", set(BUILT_IN), set()) for module in ENGINE),
     ],
 )  # fmt: skip
 def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(code, edited, must, must_not):
-    package, digests, before = code
-    path, kept = package / edited, (package / edited).read_bytes()
+    packages, digests, before = code
+    path, kept = packages / edited, (packages / edited).read_bytes()
     path.write_bytes(kept + b"\n# edited\n")
     after = digests()
     path.write_bytes(kept)
@@ -107,15 +119,13 @@ def test_an_edited_file_is_seen_by_the_stages_that_reach_it_and_by_no_others(cod
 
 
 def test_an_edit_of_what_moves_or_shows_results_changes_no_key(code):
-    package, digests, before = code
-    shown = ("archive", "cli", "composing", "export", "importing", "page", "plots", "report", "scaffolds", "studies", "testing")
-    names = [path for folder in shown for path in (package / folder).rglob("*.py")]
-    names += [
-        package / name for name in ("run/parallel.py", "run/batches.py", "plan/graph.py", "plan/cost.py", "session.py", "registry.py")
-    ]
-    names += [
-        package / name for name in ("errors.py", "telling.py", "manifest.py", "spec/about.py", "spec/roles.py", "data/variables.toml")
-    ]
+    packages, digests, before = code
+    rooms = ("accuracy", "archive", "builder", "cli", "pipeline", "plan", "plugins", "present", "run", "testing", "trust")
+    shown = [*(f"etendue/{room}" for room in rooms), "etendue_lab", *(f"etendue_camera/{room}" for room in ("cli", "export", "importing"))]
+    keyed = {packages / f"{module.replace('.', '/')}.py" for module in ENGINE}
+    names = [path for folder in shown for path in (packages / folder).rglob("*.py") if path not in keyed]
+    names += [packages / "etendue" / name for name in ("session.py", "errors.py", "telling.py", "contract/registry.py", "contract/dims.py")]
+    names += [packages / "etendue_camera" / name for name in ("manifest.py", "data/variables.toml", "data/quantities.toml")]
     assert len(names) > 150
     with edited_files(*names):
         assert digests() == before
@@ -123,18 +133,18 @@ def test_an_edit_of_what_moves_or_shows_results_changes_no_key(code):
 
 def test_every_module_that_the_engine_imports_is_in_a_list_or_a_kernel_in_the_digests_of_its_kind():
     """No edit of a module that is on the way of a cell goes unseen because nobody thought of it."""
-    kernels = {*TRANSFER_KERNELS, *RANDOM_KERNELS}
+    kernels = {*TRANSFER_KERNELS}
     reached = set(code_of._reached(kernels).sources) | {name.rpartition(".")[0] for name in kernels}
     for module in ENGINE:
         for name in sources.known(code_of._own_file(module)).imports:
             if name.startswith("etendue.") and code_of._own_file(name):
-                assert name in ENGINE or name in MOVES or name in reached, f"{module} imports {name}"
+                assert name in ENGINE or only_moves(name) or name in reached, f"{module} imports {name}"
 
 
 def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
     assert len(set(ENGINE)) == len(ENGINE)
     assert not set(ENGINE) & set(MOVES)
-    for module in (*ENGINE, *MOVES, *TRANSFER_KERNELS, *RANDOM_KERNELS):
+    for module in (*ENGINE, *MOVES, *TRANSFER_KERNELS):
         path = sources.PACKAGE.parent / Path(*module.removesuffix(".*").split("."))
         assert path.with_suffix(".py").is_file() or (path / "__init__.py").is_file(), module
     assert all(len(reason) > 5 for reason in MOVES.values())
@@ -143,7 +153,7 @@ def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
         "etendue.cli",
         "etendue.plan.graph",
         "etendue.present.terminal.tables",
-        "etendue.contract.roles",
+        "etendue.contract.dims",
     ):
         assert only_moves(module)
     for module in (
@@ -157,10 +167,11 @@ def test_the_lists_name_modules_that_there_are_once_and_with_a_reason():
 
 
 def test_no_import_of_what_a_built_in_stage_reaches_is_hidden():
-    """`etendue.api` and `etendue_camera.models` import what is asked for: what is taken out of them is followed by its name."""
+    """The doors `api` and `etendue_camera.models` import what is asked for: what is taken out of them is followed by its name."""
     for name in BUILT_IN:
         for module in code_of.code_of(installed_stages().load(name)).sources:
-            file = code_of._own_file(module) if module.startswith("etendue.") else None
+            own = module.partition(".")[0] in discovery.own_packages()
+            file = code_of._own_file(module) if own else None
             assert file is None or not sources.known(file).hides, module
 
 
@@ -173,9 +184,9 @@ def test_a_built_in_stage_names_the_libraries_that_its_code_imports():
 
 def test_what_is_kept_of_a_file_between_runs_is_forgotten_with_it(code, tmp_path, monkeypatch):
     """Also of one that was edited to the same size and given its old time: not every editor is honest about time."""
-    package, digests, before = code
+    packages, digests, before = code
     monkeypatch.setenv("ETENDUE_CACHE", str(tmp_path))
-    edited = package / "physics/mosaic/bilinear.py"
+    edited = packages / "etendue_camera/mosaic/bilinear.py"
     text, state = edited.read_text(), edited.stat()
     monkeypatch.setattr(sources, "SETTLED", 0.0)  # other tests have edited files just now
     assert digests() == before  # found, and kept
@@ -195,15 +206,15 @@ def test_what_is_kept_of_a_file_between_runs_is_forgotten_with_it(code, tmp_path
 
 
 def test_a_copy_of_the_package_elsewhere_has_the_same_digests(code):
-    copied = code[2]
-    assert len(set(copied.values())) > 5
-    assert copied == {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
+    elsewhere = code[2]
+    assert len(set(elsewhere.values())) > 5
+    assert elsewhere == {name: code_of.code_digest(installed_stages().load(name)) for name in BUILT_IN}
 
 
 def test_what_a_scene_was_found_to_hold_is_kept_under_the_code_that_has_found_it(code):
-    package, _, _ = code
+    package = code[0] / "etendue"
     found = []
-    for edited in ("physics/light/scene_spectrum.py", "scenes.py", "coordinates.py", "report/tables.py"):
+    for edited in ("transfer/rings.py", "transfer/contents.py", "contract/coordinates.py", "present/terminal/tables.py"):
         with pytest.MonkeyPatch.context() as patch, edited_files(package / edited):
             patch.setattr(sources, "PACKAGE", package)
             forget()

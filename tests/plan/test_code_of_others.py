@@ -10,8 +10,8 @@ import pytest
 
 from etendue.plan import code as code_of
 from etendue.plan import sources
-from tests.plan.layouts import LAYOUTS, install, named
-from tests.plan.test_code import forget
+from tests.plan.layouts import LAYOUTS, install, named, ours
+from tests.plan.test_code import copied, forget
 
 NUMBERS = itertools.count()
 
@@ -29,10 +29,8 @@ def imported(tmp_path, monkeypatch):
     def of(layout):
         n = str(next(NUMBERS))
         layout.written(n, root)
-        if any(name.startswith("etendue/") for name in (*layout.edits, *layout.apart)):
-            package = tmp_path / "etendue"
-            shutil.copytree(sources.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
-            monkeypatch.setattr(sources, "PACKAGE", package)
+        if any(ours(name) for name in (*layout.edits, *layout.apart)):
+            monkeypatch.setattr(sources, "PACKAGE", copied(tmp_path) / "etendue")
         importlib.invalidate_caches()
         return importlib.import_module(named(layout.module, n)).Added, root, n
 
@@ -69,7 +67,7 @@ EVERY = [pytest.param(LAYOUTS[title], id=title, marks=() if title in FIRST else 
 @pytest.mark.parametrize("layout", EVERY)
 def test_an_edit_of_what_a_stage_reaches_is_seen_and_named_and_no_other(imported, layout):
     kind, root, n = imported(layout)
-    place = lambda path: (sources.PACKAGE.parent if path.startswith("etendue/") else root) / named(path, n)  # noqa: E731
+    place = lambda path: (sources.PACKAGE.parent if ours(path) else root) / named(path, n)  # noqa: E731
     before, own = now(kind)
     assert now(kind) == (before, own)
     for path, name in layout.edits.items():

@@ -86,7 +86,7 @@ def test_a_small_field_needs_no_fall_off_where_the_light_it_takes_is_within_the_
     """At the largest pixel the loss of the corner; in rms no more of it than the light has, relative to its largest value."""
     tolerance = 10**exponent
     setting = {"scene.width": width, "scene.height": width, "camera.focal_length": focal, "tolerance": tolerance}
-    rms = plan_of(optics(), setting).of("irradiance")[0].facts.spectrum.rms
+    rms = plan_of(optics(), setting).of("irradiance")[0].facts.content.rms
     for norm, bound in (("max", corner_loss(width, focal)), ("rms", corner_loss(width, focal) * min(rms, 1.0))):
         if math.isclose(bound, tolerance, rel_tol=1e-9):
             continue

@@ -5,9 +5,11 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from etendue.present.plots.panels import FACTOR_COLOURS, Sides, map_of_names, map_of_numbers
+from etendue.contract.variables import variable
+from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.plot import Plot
 
+TINTS = variable("limiting_factor").tints
 SIDES = Sides(x=[1.4, 2.8, 5.6], y=[1.0, 2.0], panels=["lens", "pixel"], x_name="f-number", y_name="pitch")
 
 
@@ -17,7 +19,7 @@ def colours_in(path):
 
 
 def byte(name):
-    return tuple(round(255 * part) for part in to_rgb(FACTOR_COLOURS[name]))
+    return tuple(round(255 * part) for part in to_rgb(TINTS[name]))
 
 
 def area(path, name):
@@ -29,9 +31,9 @@ def test_names_have_their_colours_and_areas(tmp_path):
     """Three of twelve cells against two: areas of the panels are in that proportion, the legend's patches besides."""
     indices = np.full((2, 2, 3), np.nan)
     indices[0, 0] = 0
-    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "one")).save(tmp_path / "one.png")
+    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "one", tints=TINTS)).save(tmp_path / "one.png")
     indices[1] = 1
-    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "two")).save(tmp_path / "two.png")
+    Plot(map_of_names(indices, ["lens", "noise"], SIDES, "two", tints=TINTS)).save(tmp_path / "two.png")
     assert byte("noise") in colours_in(tmp_path / "one.png")  # in the legend
     drawn = area(tmp_path / "two.png", "noise") - area(tmp_path / "one.png", "noise")
     legend = area(tmp_path / "one.png", "noise")
@@ -41,9 +43,9 @@ def test_names_have_their_colours_and_areas(tmp_path):
 
 def test_numbers_are_drawn_where_they_are_known(tmp_path):
     values = np.linspace(1, 300, 12).reshape(2, 2, 3)
-    Plot(map_of_numbers(values, SIDES, "all", "lp/mm")).save(tmp_path / "all.png")
-    Plot(map_of_numbers(np.full((2, 2, 3), np.nan), SIDES, "none", "lp/mm")).save(tmp_path / "none.png")
-    assert map_of_numbers(np.full((2, 2, 3), 5.0), SIDES, "same", "lp/mm").axes
+    Plot(map_of_figures(values, SIDES, "all", "lp/mm")).save(tmp_path / "all.png")
+    Plot(map_of_figures(np.full((2, 2, 3), np.nan), SIDES, "none", "lp/mm")).save(tmp_path / "none.png")
+    assert map_of_figures(np.full((2, 2, 3), 5.0), SIDES, "same", "lp/mm").axes
 
     def coloured(name):
         return sum(max(c) - min(c) > 40 for c in colours_in(tmp_path / name))
@@ -54,7 +56,7 @@ def test_numbers_are_drawn_where_they_are_known(tmp_path):
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda: map_of_numbers(np.zeros((2, 3, 2)), SIDES, ""), "shape"),
+        (lambda: map_of_figures(np.zeros((2, 3, 2)), SIDES, ""), "shape"),
         (lambda: map_of_names(np.full((2, 2, 3), 2.0), ["lens", "noise"], SIDES, ""), "allowed is 0 to 1"),
     ],
 )
@@ -64,7 +66,7 @@ def test_what_does_not_fit_is_refused(call, text):
 
 
 def test_one_number_alone_is_read_on_its_colour():
-    figure = map_of_numbers([[[21.0]]], Sides(x=[""], y=[""], panels=[""]), "one")
+    figure = map_of_figures([[[21.0]]], Sides(x=[""], y=[""], panels=[""]), "one")
     (panel,) = figure.axes
     (number,) = panel.texts
     (picture,) = panel.images

@@ -126,7 +126,7 @@ def test_a_basis_holds_the_weights_and_more_functions_leave_less():
     transfer[:, 0] = 1.0  # zero frequency
     left = np.inf
     for planes in (3, 5, 7, 8):
-        basis = expansion.wavelength_basis(weights, planes, transfer, passed)
+        basis = expansion.band_basis(weights, planes, transfer, passed)
         rest = expansion.expansion_residual(weights, transfer, basis)
         np.testing.assert_allclose(rest[:, :, 0], 0, atol=1e-13)  # of the weights themselves nothing is left out
         now = np.sqrt((rest**2).mean())

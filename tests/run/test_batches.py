@@ -66,7 +66,7 @@ def job_of(number, needs, seconds):
         ref=(f"n{number}", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "[1]")}, grids={"out": Grid()},
         input_grids={port: Grid() for port in PORTS[: len(needs)]},
         inputs=tuple((p, (f"n{n}", ()), "out") for p, n in zip(PORTS, needs, strict=False)),
-        left_out=False, seed=b"", sensor_serial=b"", precision="float64", store=(), deliver=("out",), target=None, seconds=seconds,
+        left_out=False, seed=b"", pattern_of=b"", precision="float64", store=(), deliver=("out",), target=None, seconds=seconds,
     )  # fmt: skip
 
 
@@ -187,6 +187,6 @@ def test_siblings_behind_the_same_two_batches_share_a_batch():
 
 def test_what_a_batch_reads_from_another_is_read_only():
     """A trip through pickle makes arrays writable again; a stage must not see that."""
-    results = Result({"out": np.zeros(2)}, spectrum=np.zeros(2, complex)).read_only()
+    results = Result({"out": np.zeros(2)}, transform=np.zeros(2, complex)).read_only()
     assert not results.arrays["out"].flags.writeable
-    assert not results.spectrum.flags.writeable
+    assert not results.transform.flags.writeable

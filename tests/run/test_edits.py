@@ -73,7 +73,7 @@ def test_an_edit_computes_again_what_it_reaches_and_says_why(camera):
     modules = [named(next(reversed(layout.edits.values())), str(n)) for n, layout in enumerate(STAGES.values())]
     behind = {name: f"its code has changed: {module}" for name, module in zip(STAGES, modules, strict=True)}
     assert run() == (len(STAGES), cells - len(STAGES), behind)
-    edit(path / "etendue" / "run" / "segments.py", "spectrum = spectrum * otf", "spectrum = 0.5 * spectrum * otf")
+    edit(path / "etendue" / "run" / "segments.py", "transform = transform * otf", "transform = 0.5 * transform * otf")
     computed, reused, reasons = run()
     assert (computed, reused) == (cells, 0)
     assert set(reasons.values()) == {"its code has changed: etendue.compute.joined.segments"} and len(reasons) == cells

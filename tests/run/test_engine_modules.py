@@ -17,10 +17,10 @@ import pytest
 
 from etendue.compute import rows as strips
 from etendue.compute.jobs import make_jobs
-from etendue.contract.capabilities import is_random, is_transfer
+from etendue.contract.capabilities import is_transfer
 from etendue.contract.registry import Registry
 from etendue.plan import code, cost
-from etendue.plan.engine import ENGINE, MOVED_DATA, MOVES, RANDOM_KERNELS, TRANSFER_KERNELS
+from etendue.plan.engine import ENGINE, MOVES, TRANSFER_KERNELS
 from etendue.plan.planner import make_plan
 from etendue.plugins.discovery import Discovery, installed
 from etendue.plugins.hookspecs import GROUP
@@ -39,7 +39,7 @@ with open(sys.argv[1], "rb") as file:
 from etendue.run.batches import run_batch
 
 reports = run_batch(tuple(jobs), (), (), frozenset()).reports
-modules = [name for name in sys.modules if name.partition(".")[0] == "etendue"]
+modules = [name for name in sys.modules if name.partition(".")[0] in ("etendue", "etendue_camera", "etendue_lab")]
 print(json.dumps({"status": [r.status + r.message for r in reports], "modules": modules, "opened": sorted(opened)}))
 """
 LABELLED = """
@@ -74,6 +74,9 @@ use = "shot_noise"
 [[stages]]
 use = "line_pattern"
 """
+PACKAGES = os.path.dirname(code.__file__).removesuffix(os.path.join("etendue", "plan"))
+TABLES = ("better", "quantities", "roles", "stages", "subjects", "variables")  # which manifests read: what they say stands in keys
+OF_MANIFESTS = {f"etendue_camera/data/{name}.toml" for name in TABLES}
 ONE, SHOT = '[[stages]]\nuse = "exposure"\n', '\n[[stages]]\nuse = "shot_noise"\n'
 STREAMED = BARE.replace('[[stages]]\nuse = "light_budget"\n', "")
 CELLS = BARE.replace('use = "composite"', 'use = "slanted_edge"\nlight = "cells"')
@@ -106,14 +109,12 @@ def unlisted(plan, found):
     kinds = [one.kind for node in plan.nodes for one in node.alternatives]
     behind = set().union(*(code.code_of(kind).sources for kind in kinds))
     idle = ["etendue.api.labelled"]  # imported with the door, in the keys of those who take it
-    idle += () if any(map(is_random, kinds)) else RANDOM_KERNELS
     idle += () if any(map(is_transfer, kinds)) else TRANSFER_KERNELS
-    handed = set(code._reached(idle).sources)
-    modules = {name for name in found["modules"] if not (name in behind or name in MOVES or name in handed or _only_words(name))}
-    package = os.path.dirname(code.__file__).removesuffix("plan")
-    opened = {path.removeprefix(package) for path in found["opened"] if path.startswith(package)}
-    files = {name for name in opened if not name.endswith((".py", ".pyc", "/")) and os.path.isfile(package + name)}
-    return modules | {name for name in files if name not in behind and name.removeprefix("data/") not in MOVED_DATA}
+    handed, listed = set(code._reached(idle).sources), {*ENGINE, *MOVES, *code.manifests()}
+    modules = {name for name in found["modules"] if not (name in behind or name in listed or name in handed or _only_words(name))}
+    opened = {path.removeprefix(PACKAGES) for path in found["opened"] if path.startswith(PACKAGES)}
+    files = {name for name in opened if not name.endswith((".py", ".pyc", "/")) and os.path.isfile(PACKAGES + name)}
+    return modules | {name for name in files if name not in behind and name not in OF_MANIFESTS}
 
 
 def _only_words(name):
@@ -156,7 +157,7 @@ def test_a_module_that_nobody_has_listed_is_found(tmp_path, monkeypatch):
         "modules": [*ENGINE, "etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later"],
         "opened": [code.__file__],
     }
-    package = os.path.dirname(code.__file__).removesuffix("plan")
-    found["opened"] += [f"{package}data/closed_forms.json", f"{package}data/spectra.npz", f"{package}data/variables.toml"]
-    expected = {"etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later", "data/closed_forms.json"}
+    tables = ("etendue_lab/data/closed_forms.json", "etendue_camera/data/spectra.npz", "etendue_camera/data/variables.toml")
+    found["opened"] += [PACKAGES + table for table in tables]
+    expected = {"etendue.present.terminal.terminal", "etendue.plan.graph", "etendue.run.later", tables[0]}
     assert unlisted(plan, found) == expected

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from etendue.compute import random
-from etendue.compute.tables import SensorRandom
+from etendue.compute.tables import PatternRandom
 from etendue.contract.capabilities import Sampled, has_no_mean, is_random, mean_arguments_of, rounds
 from etendue.contract.grid import Grid, Line
 from etendue.contract.registry import installed_stages
@@ -69,7 +69,7 @@ def test_the_mean_of_many_draws_is_what_the_stage_says(name):
     for seed in range(30):
         given_too = beside | {
             "rng": random.philox(f"{name} {seed}".encode()),
-            "rng_sensor": SensorRandom(f"{name} {seed}".encode(), GRID, "float64"),
+            "rng_sensor": PatternRandom(f"{name} {seed}".encode(), GRID, "float64"),
         }
         found = stage.run(**{k: v for k, v in {**reads, **given_too}.items() if k in arguments_of(type(stage))})
         means.append({k: v.astype(float).mean() for k, v in found.items() if not k.endswith("_map")})

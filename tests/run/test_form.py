@@ -51,7 +51,7 @@ def job_of(stage, rows=2, columns=3, start=0.0, precision="float64"):
     grid = Grid.of({"y": Line(rows, start), "x": Line(columns, start)})
     return Job(
         ref=("one", ()), task="compute", stage=stage, writes={"out": parse_declaration("out", "y x [1]")}, grids={"out": grid},
-        input_grids={}, inputs=(), left_out=False, seed=b"", sensor_serial=b"", precision=precision, store=(), deliver=("out",),
+        input_grids={}, inputs=(), left_out=False, seed=b"", pattern_of=b"", precision=precision, store=(), deliver=("out",),
         target=None, seconds=0.0,
     )  # fmt: skip
 

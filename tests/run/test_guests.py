@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from etendue.compute.ownership import handed
-from etendue.compute.tables import SensorRandom
+from etendue.compute.tables import PatternRandom
 from etendue.contract.grid import Grid, Line
 from etendue.plugins.guests import Guest, ordinary
 from etendue.process import Before
@@ -115,8 +115,8 @@ def test_a_guest_is_handed_arrays_of_its_own_and_the_engine_what_there_is():
         with pytest.raises(ValueError, match="WRITEABLE|writeable"):
             one.flags.writeable = True
     grid = Grid.of({"y": Line(4), "x": Line(4)})
-    whole = SensorRandom(b"1", grid, "float32").normal("prnu")
-    apart = handed(Foreign(), {"rng_sensor": SensorRandom(b"1", grid, "float32")})["rng_sensor"].normal("prnu")
+    whole = PatternRandom(b"1", grid, "float32").normal("prnu")
+    apart = handed(Foreign(), {"rng_sensor": PatternRandom(b"1", grid, "float32")})["rng_sensor"].normal("prnu")
     assert np.array_equal(whole, apart) and not np.shares_memory(whole, apart)
 
 

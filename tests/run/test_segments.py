@@ -54,7 +54,7 @@ def test_evaluation_equals_the_trigonometric_sum(seed, ny, nx):
     rng = np.random.default_rng(seed)
     plane = light(seed, ny, nx)
     y, x = ((rng.uniform(-5, 5), rng.uniform(0.1, 3.0), 5) for _ in range(2))
-    found = sampling.evaluate(sampling.spectrum(plane), ny, nx, y, x)
+    found = sampling.evaluate(sampling.transform(plane), ny, nx, y, x)
     padded = sampling.pad(plane)
     total_y, total_x = padded.shape
     whole = np.fft.fft2(padded)
@@ -73,14 +73,14 @@ def test_evaluation_equals_the_trigonometric_sum(seed, ny, nx):
 @given(st.integers(0, 2**32 - 1), sizes, sizes)
 def test_evaluation_at_the_samples_gives_the_samples(seed, ny, nx):
     plane = light(seed, ny, nx)
-    found = sampling.evaluate(sampling.spectrum(plane), ny, nx, (0.0, 1.0, ny), (0.0, 1.0, nx))
+    found = sampling.evaluate(sampling.transform(plane), ny, nx, (0.0, 1.0, ny), (0.0, 1.0, nx))
     assert_allclose(found, plane, rtol=0, atol=1e-12 * plane.max())
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(8, 60), st.integers(1, 4), st.integers(0, 3))
 def test_whole_step_decimation_equals_evaluation(seed, size, step, first):
     plane = light(seed, size, size)
-    spectrum = sampling.spectrum(plane)
+    spectrum = sampling.transform(plane)
     where = (float(first), float(step), (size - 1 - first) // step + 1)
     assert sampling.whole_steps(0.0, 1.0, *where, size) is not None
     assert_allclose(
@@ -96,7 +96,7 @@ def test_a_transfer_function_keeps_the_flux_of_the_padded_plane(seed, ny, nx, si
     """It is 1 at zero frequency; 1e-12 of the sum is rounding."""
     plane = light(seed, ny, nx)
     fy, fx = sampling.frequencies(ny, 1.0, half=False)[:, None], sampling.frequencies(nx, 1.0, half=True)[None, :]
-    spectrum = sampling.spectrum(plane) * np.exp(-2 * (np.pi * sigma) ** 2 * (fy**2 + fx**2))
+    spectrum = sampling.transform(plane) * np.exp(-2 * (np.pi * sigma) ** 2 * (fy**2 + fx**2))
     padded = sampling.pad(plane)
     assert_allclose(np.fft.irfft2(spectrum, s=padded.shape).sum(), padded.sum(), rtol=1e-12)
 
@@ -139,5 +139,5 @@ def test_padded_sizes_are_fast(size):
 def test_the_sum_over_wavelength_is_the_same_in_frequency_and_in_space():
     rng = np.random.default_rng(1)
     planes, weights = rng.uniform(0, 1, (5, 30, 34)), rng.uniform(0, 1, (3, 5))
-    summed = sampling.sum_over_wavelength(weights, np.ascontiguousarray(sampling.spectrum(planes)))
+    summed = sampling.sum_over_bands(weights, np.ascontiguousarray(sampling.transform(planes)))
     assert_allclose(sampling.planes_of(summed, 30, 34), np.einsum("cw,wyx->cyx", weights, planes), rtol=0, atol=1e-13 * planes.shape[0])

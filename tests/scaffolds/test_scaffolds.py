@@ -59,7 +59,7 @@ DEMOSAICERS = [name for name in installed_stages().names() if installed_stages()
 def test_a_demosaicer_begins_knowing_where_its_window_stands(tmp_path, monkeypatch, like):
     """As it is written; without its rows and columns it is found out."""
     one, kind = written(tmp_path, monkeypatch, "demosaicing", like)
-    law = "test_a_window_of_the_sensor_is_read_where_it_stands"
+    law = "test_a_window_of_the_whole_is_read_where_it_stands"
     conformance = type("Conformance", (StageConformance,), {"stage": kind(**ordinary(kind))})()
     getattr(conformance, law)()
     if {"y", "x"} <= set(arguments_of(kind)):

@@ -1,4 +1,4 @@
-"""How a cell is cut into chunks: whole, by band, in row bands, or both.
+"""How a cell is cut into chunks: whole, by band, in bands of rows, or both.
 
 In:  dims, shape and bytes of a variable of one cell.
 Out: the shape of its chunks, which part of the cell each of them is; arrays cut so, and put together again.

@@ -102,7 +102,7 @@ class StoredChunk:
 class StoredCell:
     """A cell that the journal calls done."""
 
-    name: str  # "beam spacing=0.08 tone=2000.0"
+    name: str  # "sharpen gain=2.0 pitch=3.0"
     entry: Entry
     chunks: tuple[StoredChunk, ...]
 

@@ -42,7 +42,7 @@ class Archive(Extended):
     Examples
     --------
     >>> archive = etendue.Archive("small")  # doctest: +SKIP
-    >>> archive.plot.map("beam_width")  # doctest: +SKIP
+    >>> archive.plot.map("loudness")  # doctest: +SKIP
     >>> archive.report("small.html")  # doctest: +SKIP
     """
 

@@ -82,9 +82,8 @@ class Pipeline(Extended, Source):
     --------
     >>> import etendue
     >>> from etendue import stages as s
-    >>> made = etendue.Pipeline(s.plane_wave(samples=512), s.phasors(), name="heard")  # of etendue-array
-    >>> made = made.shared(spacing="8 cm").sweep(microphones=[4, 8])
-    >>> made.plan().cells
+    >>> made = etendue.Pipeline(s.source(level=2), s.filter(), name="small")  # doctest: +SKIP
+    >>> made.shared(gain=4).sweep(gain=[2, 4]).plan().cells  # doctest: +SKIP
     3
     """
 
@@ -169,9 +168,7 @@ class Pipeline(Extended, Source):
         return self.shared if not name.startswith("_") and name in tables() else super().__getattr__(name)
 
     def sweep(self, **axes: Any) -> Pipeline:
-        """Axes: ``microphones=[4, 8]``, ``tone=span("1 kHz", "3 kHz", 5)``, ``noise__noise_rms=[0, 1]``,
-        ``beam__use=["delay_and_sum", s.my_beam()]``.
-        """
+        """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``, ``STAGE__use=["a", s.b()]``."""
         found = {}
         for name, values in axes.items():
             if isinstance(values, str) or not isinstance(values, Mapping | Iterable):
@@ -333,7 +330,8 @@ def _no_word(word: str) -> str:
     if word in APART:
         return f"is set by the method {word}(...)" if word != "stages" else "stages are given in front, in their order"
     if word in shared_quantities.names():
-        return f"is a shared quantity: Pipeline.{next(iter(tables()))}({word}=...)"
+        own = next(iter(tables()))
+        return f"is a {own} quantity: Pipeline.{own}({word}=...)"
     return f"is no key of a pipeline{nearest(word, TOP)}"
 
 

@@ -58,7 +58,7 @@ def quantities(name: str | None, as_json: bool) -> None:
 
     head, _, tail = (name or "").partition(".")
     name = tail if tail and head in tables() else name
-    _check("shared quantity", name, shared.names(), "quantities")
+    _check(f"{next(iter(tables()))} quantity", name, shared.names(), "quantities")
     registry = installed_stages() if name else None
     tell_one(as_json, name, shared.names(), lambda own: quantity_document(own, registry), print_quantity, print_quantities)
 

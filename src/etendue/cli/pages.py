@@ -16,7 +16,7 @@ from etendue.cli.saying import blaming, command, say
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Default ./ARCHIVE-report.html; an older one is replaced."
 )
-@click.option("--blame", is_flag=True, help="Also what each stage is owed of what is lost, as installed studies say: computed now.")
+@click.option("--blame", is_flag=True, help="Also what each stage is owed of what is lost; computed now.")
 @JSON
 def report(place: Path | str, output: Path | None, blame: bool, as_json: bool) -> None:
     """One page to read and send on: pictures, maps, curves, trade-offs, errors, failures.

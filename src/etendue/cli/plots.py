@@ -25,13 +25,13 @@ from etendue.cli.saying import blaming, command, say, show
     help=".png, .svg, .pdf, or .csv: the numbers. Default ./ARCHIVE-KIND.png.",
 )
 @click.option("--list", "listing", is_flag=True, help="Say which kinds, variables and axes there are.")
-@click.option("--at", multiple=True, metavar="DIM=VALUE", help="f_number=2.8, stage=pixel; may be repeated.")
+@click.option("--at", multiple=True, metavar="DIM=VALUE", help="gain=2.8, stage=filter; may be repeated.")
 @click.option("--x", default="", metavar="DIM", help="What runs along x.")
 @click.option("--y", default="", metavar="DIM", help="What runs along y of a map.")
 @click.option("--lines", default="", metavar="DIM", help="What lines of curves tell apart.")
 @click.option("--panels", default="", metavar="DIM,DIM", help="What panels tell apart, at most two.")
 @click.option("--better", default="", metavar="WORD,WORD", help="Of a front: higher or lower, for each figure in order.")
-@click.option("--blame", is_flag=True, help="Of a budget: also what each stage is owed of lost contrast, SNR and colour; computed now.")
+@click.option("--blame", is_flag=True, help="Of a budget: also what each stage is owed of what is lost; computed now.")
 @JSON
 def plot(
     place: Path | str, words: tuple[str, ...], output: Path | None, listing: bool, at: tuple[str, ...], x: str, y: str, lines: str,
@@ -42,17 +42,19 @@ def plot(
     \b
     etendue plot sweep                                    what fits what it holds
     etendue plot sweep --list                             which figures and axes there are
-    etendue plot sweep map mean_snr -o snr.svg            numbers over two axes, a third as panels
-    etendue plot sweep pareto effective_lp_mm mean_snr    the front of two figures, named
-    etendue plot sweep curves mean_snr --x integration_time --lines f_number
-    etendue plot sweep limits                             which factor limits resolution where
+    etendue plot sweep map FIGURE -o map.svg              numbers over two axes, a third as panels
+    etendue plot sweep pareto FIGURE FIGURE               the front of two figures, named
+    etendue plot sweep curves FIGURE --x time --lines gain
     etendue plot sweep strip                              all stages as pictures, a part of each enlarged
-    etendue plot sweep show rgb_display --at f_number=2.8 --at pixel_pitch=4um --at integration_time=10ms
+    etendue plot sweep show PICTURE --at gain=2.8 --at spacing=4um --at time=10ms
     etendue plot sweep budget                             run time, error, omissions by stage; --blame: and losses
+
+    Other kinds come with what is installed: --list names them.
     """
     from etendue.archive import places
+    from etendue.present.plots.asked import Asked
     from etendue.present.plots.holdings import Holdings
-    from etendue.present.plots.kinds import Asked, draw, kind_of, listed
+    from etendue.present.plots.kinds import draw, kind_of, listed
     from etendue.present.plots.opening import opened
     from etendue.present.plots.places import read_at
     from etendue.present.plots.plot import check_suffix

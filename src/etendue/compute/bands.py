@@ -1,4 +1,4 @@
-"""Variables too large to be held: arrays that are made one wavelength band at a time.
+"""Variables too large to be held: arrays that are made one band at a time.
 
 In:  a job whose stage can work by band, and what it reads.
 Out: an object that gives band i as a plain array, whenever and as often as it is asked.
@@ -30,7 +30,7 @@ from etendue.telling import foreign
 
 
 class Banded(ABC):
-    """A (wavelength, y, x) array that is made band by band."""
+    """A (band, y, x) array that is made band by band."""
 
     shape: tuple[int, ...]
     dtype: Any
@@ -109,13 +109,13 @@ def _shape(job: Job, variable: str) -> tuple[int, ...]:
 
 
 def _cut(grid: Grid, bands: slice) -> Grid:
-    if "wavelength" not in grid:
+    if not grid.banded:
         return grid
-    return grid.replace(wavelength=Bands(grid.bands().edges[bands.start : bands.stop + 1]))
+    return grid.replace(**{grid.banded: Bands(grid.bands().edges[bands.start : bands.stop + 1])})
 
 
-def _of_bands(array: Any, dims: tuple[str, ...], bands: slice) -> Any:
-    if dims[:1] != ("wavelength",):
+def _of_bands(array: Any, dims: tuple[str, ...], grid: Grid, bands: slice) -> Any:
+    if not grid.banded or dims[:1] != (grid.banded,):
         return array
     if isinstance(array, Banded):
         return np.stack([array[band] for band in range(bands.start, bands.stop)])
@@ -138,7 +138,7 @@ def run_bands(job: Job, given: Mapping[str, Any], bands: slice, pixels: bool = T
         if not pixels and dims[-2:] == ("y", "x"):
             known[port] = np.zeros((bands.stop - bands.start, 1, 1), dtype=job.precision)
             continue
-        cut = _of_bands(array, dims, bands)
+        cut = _of_bands(array, dims, job.input_grids[port], bands)
         if stage.negative != "keep" and dims[-2:] == ("y", "x") and cut.dtype.kind == "f" and cut.size and cut.min() < 0:
             if stage.negative == "error":
                 raise PluginError(f"{port} holds negative values (smallest {cut.min():.3g}), which {job.ref[0]!r} refuses")
@@ -154,7 +154,7 @@ def made_by_band(job: Job, given: Mapping[str, Any]) -> dict[str, Any]:
     """What a stage writes, the large variables as bands to come, the small ones at once."""
     arrays: dict[str, Any] = {}
     small = [v for v in job.writes if v not in job.by_band]
-    bands = max(g.bands().size for g in job.grids.values() if "wavelength" in g)
+    bands = max(g.bands().size for g in job.grids.values() if g.banded)
     if small and is_source(type(job.stage)):
         found = job.stage.constants(prepared_of(job.stage, job.input_grids, job.grids))  # type: ignore[attr-defined]
         arrays = {v: found[v] for v in small}

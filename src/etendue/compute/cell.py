@@ -182,8 +182,8 @@ def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tupl
 
 
 def _load(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
-    """A finished cell: its arrays read back, or its spectrum rebuilt from the segment's input."""
-    if job.spectrum:
+    """A finished cell: its arrays read back, or its transform rebuilt from the segment's input."""
+    if job.transform:
         result, _ = transferred(with_found(job, results), results)
     else:
         result = Result()

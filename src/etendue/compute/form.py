@@ -18,7 +18,7 @@ from etendue.compute.job import Job
 from etendue.compute.tables import Key, key_of_prepared
 from etendue.contract.capabilities import is_transfer
 from etendue.contract.coordinates import coordinates_of
-from etendue.contract.stage import SPECIAL, Stage, optional_ports
+from etendue.contract.stage import SPECIAL, Stage, optional_ports, patterns_of
 from etendue.contract.variables import Declaration, variable
 
 
@@ -80,8 +80,13 @@ class Form:
 
     @cached_property
     def special(self) -> frozenset[str]:
-        """Of that what is no coordinate and no port."""
+        """Of that what is no coordinate and no port, fixed patterns aside."""
         return SPECIAL & set(self.beside)
+
+    @cached_property
+    def patterns(self) -> tuple[str, ...]:
+        """Of that the generators of fixed patterns."""
+        return tuple(name for name in patterns_of(self.kind) if name in self.beside)
 
     @cached_property
     def coordinates(self) -> Mapping[str, Any]:

@@ -19,7 +19,7 @@ from etendue.compute.joined.otf import transfers_of, weights_of
 from etendue.compute.joined.segments import Result
 from etendue.compute.ownership import for_reading, frozen
 from etendue.compute.random import philox
-from etendue.compute.tables import SensorRandom, prepared_of
+from etendue.compute.tables import PatternRandom, prepared_of
 from etendue.contract.capabilities import Probe
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
@@ -102,8 +102,8 @@ def beside(job: Job, results: Mapping[CellRef, Result]) -> dict[str, Any]:
         given["prepared"] = _prepared(job)
     if "rng" in special:
         given["rng"] = philox(job.seed)
-    if "rng_sensor" in special:
-        given["rng_sensor"] = SensorRandom(job.sensor_serial, next(iter(job.grids.values())), job.precision)
+    for name in form.patterns:
+        given[name] = PatternRandom(job.pattern_of, next(iter(job.grids.values())), job.precision)
     for name in form.beside:
         if name not in given:
             if name not in form.coordinates:

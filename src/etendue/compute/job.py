@@ -11,26 +11,25 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
-from etendue.contract.capabilities import Sampled, Summed, Transfer, mean_arguments_of
+from etendue.contract.capabilities import Sampled, Sheet, Summed, Transfer, mean_arguments_of
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.ports import Target
-from etendue.contract.roles import Sheet
 from etendue.contract.stage import Stage, arguments_of, looks_at_stages
 from etendue.contract.variables import Declaration
 from etendue.plan.model import CellRef
 from etendue.plan.words import Open
 
-Found = tuple[tuple[str, CellRef, str], ...]  # camera quantities, and the cells and variables that hold them
+Found = tuple[tuple[str, CellRef, str], ...]  # shared quantities, and the cells and variables that hold them
 
 
 @dataclass(eq=False)
 class Segment:
-    """Of a transfer function: the cell before it whose spectrum it goes on from, or the stages between it and the segment's input."""
+    """Of a transfer function: the cell before it whose transform it goes on from, or the stages between it and the segment's input."""
 
     previous: CellRef | None = None
     joined: tuple[Transfer, ...] | None = None  # reads the segment's input itself
     found: tuple[Found, ...] = ()  # what each of them awaits; (): none does
-    spectrum: bool = False  # others go on from its own
+    transform: bool = False  # others go on from its own
     source: str = ""  # key of the segment's input, where it is read itself
 
 
@@ -93,7 +92,7 @@ class Walk:
 class Job:
     """One cell to compute, or to load because something else reads it.
 
-    ``task``: compute, or load (already stored; only read back, or its spectrum rebuilt).
+    ``task``: compute, or load (already stored; only read back, or its transform rebuilt).
     ``deliver``: the variables other jobs or the caller need as arrays, ``give``: those of the caller.
     """
 
@@ -106,7 +105,7 @@ class Job:
     inputs: Found
     left_out: bool
     seed: bytes
-    sensor_serial: bytes  # whose fixed patterns the stage is given
+    pattern_of: bytes  # whose fixed patterns the stage is given
     precision: str
     store: tuple[str, ...]
     deliver: tuple[str, ...]
@@ -141,14 +140,14 @@ class Job:
         return self.stage.mean if self.expected and isinstance(self.stage, Sampled) else self.stage.run
 
     @property
-    def spectrum(self) -> bool:
-        """Whether other jobs go on from its spectrum."""
-        return self.segment is not None and self.segment.spectrum
+    def transform(self) -> bool:
+        """Whether other jobs go on from its transform."""
+        return self.segment is not None and self.segment.transform
 
     @cached_property
     def needs(self) -> tuple[CellRef, ...]:
         """The cells whose results this job reads."""
-        if self.task == "load" and not self.spectrum:
+        if self.task == "load" and not self.transform:
             return ()
         refs = [ref for _, ref, _ in self.inputs]
         if self.segment and self.segment.previous is not None:

@@ -16,11 +16,10 @@ from typing import Any
 from etendue.compute.job import Found, Job, Look, Looking, Mapped, Segment, Waiting
 from etendue.compute.rows import by_band, is_large, walker
 from etendue.compute.walks import with_walks
-from etendue.contract.capabilities import Summed
+from etendue.contract.capabilities import Sheet, Summed
 from etendue.contract.grid import Grid
 from etendue.contract.ports import Target
-from etendue.contract.roles import Sheet
-from etendue.contract.stage import looks_at_stages, reads_of
+from etendue.contract.stage import Stage, looks_at_stages, patterns_of, reads_of
 from etendue.plan.cost import cell_seconds, too_large
 from etendue.plan.model import Cell, CellRef, Node, Plan, chains, is_whole, light_of, pixel_of, scene_of
 
@@ -49,7 +48,7 @@ def make_jobs(
 class Jobs(Mapping[CellRef, Job]):
     """The jobs of a run, each made when it is asked for and kept by nobody: a sweep has many more of them than are under way.
 
-    Of every cell stands here which of its variables others read, whether they go on from its spectrum, and whether it has a job at all.
+    Of every cell stands here which of its variables others read, whether they go on from its transform, and whether it has a job at all.
     """
 
     def __init__(
@@ -64,7 +63,7 @@ class Jobs(Mapping[CellRef, Job]):
         self.direct: dict[CellRef, tuple[tuple[CellRef, str], tuple[Cell, ...]]] = {}
         self.read: list[tuple[str, ...]] = [()] * plan.numbers.count  # of every cell: the variables that others read, () of most
         self.joined: dict[tuple[tuple[str, ...], str], tuple[str, ...]] = {}  # each combination of variables once
-        self.spectra, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
+        self.transforms, self.included = bytearray(plan.numbers.count), bytearray(plan.numbers.count)
         self.costs: dict[tuple[Any, ...], tuple[float, tuple[str, ...]]] = {}
         self.grids: dict[str, tuple[Mapping[str, Grid], Mapping[str, Grid]]] = {}
         self.looked: dict[str, tuple[Any, Looking]] = {}
@@ -77,20 +76,20 @@ class Jobs(Mapping[CellRef, Job]):
     def _include(self, ref: CellRef, cell: Cell) -> None:
         """Whether a cell has a job, and what that reads: those that read it have been looked at before."""
         number, node, computed = self.number(ref), self.nodes[ref[0]], ref in self.todo
-        read, spectrum = self.read[number], self.spectra[number]
-        if not (computed or read or spectrum):
+        read, transform = self.read[number], self.transforms[number]
+        if not (computed or read or transform):
             return
         self.included[number] = True
-        if not (computed or spectrum):
+        if not (computed or transform):
             return  # stored and only read back
-        if node.is_transfer and not (self.kept[node.name] or read or spectrum or ref in self.show):
+        if node.is_transfer and not (self.kept[node.name] or read or transform or ref in self.show):
             return  # light that nobody looks at: its readers start from the segment's input
         joined, direct = len(node.segment) > 1, self.direct.get(ref)
         for place, (_, source, variable) in enumerate(cell.inputs):
             if direct is not None and place == 0:
                 self._reads(*direct[0])
             elif joined and place == 0:
-                self.spectra[self.number(source)] = True
+                self.transforms[self.number(source)] = True
             else:
                 self._reads(source, variable)
         for word in cell.open_words:
@@ -134,21 +133,21 @@ class Jobs(Mapping[CellRef, Job]):
         plan, cell, node, computed = self.plan, self.plan.cells[ref], self.nodes[ref[0]], ref in self.todo
         store = self.kept[node.name] if computed else ()
         give = tuple(node.writes) if ref in self.show else store if self.deliver_all else ()
-        read, spectrum = self.read[number], bool(self.spectra[number])
+        read, transform = self.read[number], bool(self.transforms[number])
         awaited, inputs = self._awaited(cell)
         segment = None
         if ref in self.direct:
             (source, variable), before = self.direct[ref]
             inputs = ((inputs[0][0], source, variable), *inputs[1:])
-            segment = Segment(None, tuple(c.stage for c in before), _found_of(before), spectrum, plan.cells[source].key)  # type: ignore[misc]
+            segment = Segment(None, tuple(c.stage for c in before), _found_of(before), transform, plan.cells[source].key)  # type: ignore[misc]
         elif node.segment:
-            segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, spectrum=spectrum)
+            segment = Segment(cell.inputs[0][1] if len(node.segment) > 1 else None, transform=transform)
         grids, input_grids = self._grids(cell)
         seconds, bands = self._cost(node, cell)
         return Job(
             ref=cell.ref, task="compute" if computed else "load", stage=cell.stage, writes=node.writes,
             grids=grids, input_grids=input_grids, inputs=inputs, left_out=cell.left_out is not None, seed=cell.seed,
-            sensor_serial=str(vars(cell.stage).get("sensor_serial", "")).encode(), precision=plan.precision, store=store,
+            pattern_of=_pattern_of(cell.stage), precision=plan.precision, store=store,
             deliver=tuple(dict.fromkeys((*read, *give))) if give else read, target=target, give=give,
             seconds=seconds, by_band=bands, segment=segment,
             looking=self._looking(cell) if cell.looks_at else None,
@@ -226,6 +225,12 @@ class Jobs(Mapping[CellRef, Job]):
         return known
 
 
+def _pattern_of(stage: Stage) -> bytes:
+    """Whose fixed patterns a stage is given."""
+    identity = next(iter(patterns_of(type(stage)).values()), "")
+    return str(vars(stage).get(identity, "")).encode()
+
+
 def _leading(nodes: Mapping[str, Node], cell: Cell) -> Mapping[tuple[str, str], tuple[int, ...]]:
     """Which of the dims that a cell is mapped over lead each variable that it depends on, as positions."""
     dims = [dim for dim, _ in cell.mapped]
@@ -250,7 +255,7 @@ def _direct(plan: Plan, nodes: Mapping[str, Node], cell: Cell) -> tuple[tuple[Ce
     """What a transfer cell reads that starts from the segment's input itself: the input, and the cells in force in front of it.
 
     So do all cells of a segment whose input is too large to be held, or is means over grid cells, and an end whose sum over
-    wavelength is expanded.
+    bands is expanded.
     """
     node = nodes[cell.node]
     if not node.segment or cell.segment_input is None:

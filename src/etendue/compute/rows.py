@@ -20,7 +20,7 @@ from etendue.plan.model import Cell, Node, Plan
 
 LARGEST_WHOLE = 1 << 21  # pixels of a frame up to which cells are computed whole
 STRIP = 1 << 19  # pixels of a strip, about
-TILE = 64  # rows: strips end with the tiles of patterns that belong to the sensor
+TILE = 64  # rows: strips end with the tiles of fixed patterns
 HALOS = 16  # a strip has about so many times the rows of a halo: what is computed twice is an eighth
 
 Frame = tuple[int, int]

@@ -25,11 +25,11 @@ from etendue.compute.job import Job, Walk
 from etendue.compute.joined.segments import Result
 from etendue.compute.ownership import for_reading, frozen, guests_of, handed, undisturbed
 from etendue.compute.rows import has_rows
-from etendue.compute.tables import SensorRandom
+from etendue.compute.tables import PatternRandom
 from etendue.contract.capabilities import Haloed, halo_of
 from etendue.contract.grid import Line
 from etendue.contract.ports import CellReport
-from etendue.contract.stage import reads_of
+from etendue.contract.stage import patterns_of, reads_of
 from etendue.errors import ArchiveInUse, MachineError
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
@@ -88,7 +88,7 @@ def _walked(jobs: Sequence[Job], results: Results, at: Callable[[int], None] | N
 
 
 def _fronts(member: _Member) -> Iterator[int]:
-    """Rows up to which strips go: they end with the tiles of the sensor."""
+    """Rows up to which strips go: they end with the tiles of fixed patterns."""
     walk = member.job.walk
     assert walk is not None
     front = walk.rows - member.first_row % strips.TILE
@@ -254,11 +254,11 @@ class _Member:
         first = start == 0
         if "asked" in given and not first:
             given["asked"] = frozenset()
-        if "rng_sensor" in given:
+        for pattern in [name for name in patterns_of(type(self.job.stage)) if name in given]:
             grid = next(iter(self.job.grids.values()))
             line = grid.line("y")
             grid = grid.replace(y=Line(high - low, line.start + low * line.step, line.step))
-            given["rng_sensor"] = SensorRandom(self.job.sensor_serial, grid, self.job.precision, self.total * grid["x"].size)
+            given[pattern] = PatternRandom(self.job.pattern_of, grid, self.job.precision, self.total * grid["x"].size)
         given = handed(self.stage, {name: given[name] for name in self.job.asks if name in given})
         with guests_of(self.job):
             found = self.job.run(**given)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.random import tiled_normal, tiled_uniform
+from etendue.contract.capabilities import bands_of
 from etendue.contract.coordinates import coordinates_of
 from etendue.contract.grid import Bands, Grid, Line
 from etendue.contract.stage import Stage, state_of
@@ -127,10 +128,10 @@ def _size(value: Any, depth: int = 6) -> int:
 TABLES = Cache(LARGEST_CACHE)
 
 
-class SensorRandom:
-    """Random numbers that belong to the pixels, rows and columns of one sensor: the same in every cell, frame, window and precision.
+class PatternRandom:
+    """Random numbers by absolute position, for places, rows and columns: the same in every cell, frame, window and precision.
 
-    They are named by the sensor's serial, how they are drawn, and the pattern's own name: stages that ask for one pattern are given one.
+    They are named by whose they are, how they are drawn, and the pattern's own name: stages that ask for one pattern are given one.
     ``frame``: pixels of the whole frame, where the grid holds some of its rows.
     """
 
@@ -140,13 +141,13 @@ class SensorRandom:
         (top, rows), (left, columns) = _span(grid.line("y")), _span(grid.line("x"))
         self.pixels, self.rows, self.columns = (top, left, rows, columns), (top, 0, rows, 1), (0, left, 1, columns)
 
-    def apart(self) -> SensorRandom:
+    def apart(self) -> PatternRandom:
         """The same for one who may not see what others are given."""
         self.own = True
         return self
 
     def normal(self, pattern: str) -> Any:
-        """(y, x) standard normals of the pattern of this name, such as ``"prnu"``."""
+        """(y, x) standard normals of the pattern of this name, such as ``"grain"``."""
         return self._normals("normal", pattern, self.pixels)
 
     def spread(self, pattern: str, rms: float) -> Any:
@@ -195,7 +196,7 @@ class SensorRandom:
 
         if self.frame * dtype.itemsize > LARGEST_PATTERN:
             return read_only()
-        found = TABLES.get(("sensor", self.serial, *what, window, dtype), read_only)
+        found = TABLES.get(("pattern", self.serial, *what, window, dtype), read_only)
         return found.copy() if self.own else found.view()
 
 
@@ -224,5 +225,14 @@ def prepared_of(stage: Stage, input_grids: Mapping[str, Grid], grids: Mapping[st
 
 
 def prepared_for(stage: Stage, edges: tuple[float, ...]) -> Any:
-    """What a stage has prepared for wavelength bins alone."""
-    return prepared_of(stage, {"irradiance": Grid.of({"wavelength": Bands(edges)})}, {})
+    """What a stage has prepared for bands with these edges alone."""
+    return prepared_of(stage, {first_port(stage): Grid.of({bands_of(type(stage)): Bands(edges)})}, {})
+
+
+def prepared_on(stage: Stage, grid: Grid) -> Any:
+    """What a stage has prepared for the grid of what it reads."""
+    return prepared_of(stage, {first_port(stage): grid}, {})
+
+
+def first_port(stage: Stage) -> str:
+    return next(iter(type(stage).reads), "")

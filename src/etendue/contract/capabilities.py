@@ -15,9 +15,10 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+from etendue.contract.dims import banded, is_light
 from etendue.contract.facts import Facts
 from etendue.contract.grid import Bands, Grid, Labels, Line
-from etendue.contract.stage import Stage, arguments_of, names_asked, per_kind, reads_of, writes_of
+from etendue.contract.stage import Stage, arguments_of, identity_of, names_asked, patterns_of, per_kind, reads_of, writes_of
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -28,18 +29,18 @@ class Source(Stage):
     def describe(self) -> tuple[Facts, Mapping[str, Grid]]: ...
 
     def white_light(self, edges: tuple[float, ...]) -> Any:
-        """(wavelength,): light of a white surface in bands with these edges (nm), of any scale, by which figures of resolution weigh
-        wavelengths; None: not known, and they take light that is equally strong in all bands."""
+        """(band,): light of a white surface in bands with these edges, of any scale, by which figures weigh them; None: not
+        known, and they take light that is equally strong in all bands."""
         return None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tinting(Stage):
-    """A stage that takes light by wavelength, the same all over the frame, as a filter does."""
+    """A stage that takes light by band, the same all over the frame, as a filter does."""
 
     @abstractmethod
     def transmission(self, grid: Grid) -> Any:
-        """(wavelength,): of the bands of a grid."""
+        """(band,): of the bands of a grid."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,16 +52,17 @@ class Transfer(Stage):
 
     @abstractmethod
     def transfer(self, *given: Any, **named: Any) -> Any:
-        """At separable frequencies: ``(fy, fx, wavelength)``, cycles/um and um, and ``prepared`` where ``prepare`` gives something."""
+        """At separable frequencies: ``(fy, fx, middles of the bands)``, cycles/um and the unit in which their dim is asked, and
+        ``prepared`` where ``prepare`` gives something."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Summed(Transfer):
-    """A transfer function that ends in a weighted sum over wavelength, as a pixel behind its filters does."""
+    """A transfer function that ends in a weighted sum over the bands, as a pixel behind its filters does."""
 
     @abstractmethod
     def weights(self, prepared: Any) -> Any:
-        """(channel, wavelength)."""
+        """(channel, band)."""
 
     def segment_error(self, before: tuple[Transfer, ...], facts: Any, grid: Any, precision: str) -> tuple[float | None, str]:
         """Its error behind the stages that are joined before it."""
@@ -77,14 +79,14 @@ class Summed(Transfer):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ChannelTransfer(Stage):
-    """A stage behind the sum over wavelength that moves charge from pixel to pixel, whatever their filters are: linear, and over the
+    """A stage behind the sum over bands that moves charge from pixel to pixel, whatever their filters are: linear, and over the
     pixels of a channel shift-invariant on average. Whoever looks at transfer functions sees it with those of the pixel."""
 
     @abstractmethod
     def channel_transfer(self, fy: Any, fx: Any, light: Any, prepared: Any) -> Any:
         """(channel that collects, channel of the filter, m, n) at fy (m,), fx (n,), cycles/um.
 
-        ``light``: (wavelength,), W m-2 nm-1 of a white surface, of any scale.
+        ``light``: (band,), of a white surface, of any scale.
         """
 
     def moves_charge(self) -> bool:
@@ -147,6 +149,41 @@ class Sampled(Stage):
     def mean(self, *given: Any, **named: Any) -> Any:
         """What ``run`` gives on average, before rounding: the same variables, as floats. It asks by name for what ``run`` may ask for,
         random numbers aside."""
+
+
+class Noisy(Stage):
+    """A stage that adds noise to the level of a place, and knows how much.
+
+    ``by_line``: whole rows or columns share the noise. ``inherent``: it follows from the level alone, as counts scatter, so that who
+    counts noise knows it without a datasheet. Rounding is noise too: a twelfth of the square of its step.
+    """
+
+    by_line: ClassVar[bool] = False
+    inherent: ClassVar[bool] = False
+
+    @abstractmethod
+    def variance(self, level: float) -> float:
+        """What is added to the variance of a place with a mean level, in the square of its unit."""
+
+
+class Datasheet(Stage):
+    """A stage that knows figures of itself which a measurement finds again, and at which others may look."""
+
+    @abstractmethod
+    def datasheet(self) -> Mapping[str, float]:
+        """Figures by name: those that whoever looks at them knows."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sheet:
+    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that has no datasheet."""
+
+    role: str
+    figures: Mapping[str, float]
+
+    @classmethod
+    def of(cls, stage: Stage) -> Sheet:
+        return cls(stage.role, dict(stage.datasheet()) if isinstance(stage, Datasheet) else {})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -276,18 +313,25 @@ def ends_in_sum(kind: type[Stage]) -> bool:
 
 
 def moves_light(kind: type[Stage]) -> bool:
-    """Whether a stage changes the place of light in front of the sensor, and no transfer function says how."""
-    both = {d.variable for d in reads_of(kind).values()} & {d.variable for d in writes_of(kind).values()}
-    return "irradiance" in both and not is_transfer(kind) and not kind.pointwise
+    """Whether a stage changes the place of light by band, and no transfer function says how."""
+    read = {declared.variable for declared in reads_of(kind).values()}
+    both = any(declared.variable in read and is_light(declared.dims) for declared in writes_of(kind).values())
+    return both and not is_transfer(kind) and not kind.pointwise
+
+
+@per_kind
+def bands_of(kind: type[Stage]) -> str:
+    """The dim of bands that a stage speaks of in what it reads or writes; '' where it speaks of none."""
+    return banded(dim for declared in (*reads_of(kind).values(), *writes_of(kind).values()) for dim in declared.dims)
 
 
 def is_random(kind: type[Stage]) -> bool:
-    """Whether a stage is given random numbers: new in every cell, or patterns of the sensor."""
-    return bool({"rng", "rng_sensor"} & set(arguments_of(kind)))
+    """Whether a stage is given random numbers: new in every cell, or fixed patterns."""
+    return "rng" in arguments_of(kind) or bool(patterns_of(kind))
 
 
 def draws_anew(kind: type[Stage]) -> bool:
-    """Whether its random numbers follow the seed: patterns of the sensor alone do not."""
+    """Whether its random numbers follow the seed: fixed patterns alone do not."""
     return "rng" in arguments_of(kind)
 
 
@@ -305,7 +349,7 @@ def has_no_mean(kind: type[Stage]) -> bool:
 def mean_arguments_of(kind: type[Sampled]) -> tuple[str, ...]:
     """The names that ``mean`` asks for. Random numbers are refused: there is nothing to draw."""
     names = names_asked(kind, "mean")
-    drawn = [name for name in names if name in ("rng", "rng_sensor")]
+    drawn = [name for name in names if name == "rng" or identity_of(name)]
     if drawn:
         raise TypeError(f"{kind.__name__}.mean asks for {', '.join(drawn)}: a mean draws nothing")
     return names

@@ -1,7 +1,7 @@
 """Coordinates as arrays: what stages are given beside what they read.
 
 In:  grids by name.
-Out: read-only arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane, wavelengths with their edges.
+Out: read-only arrays: ``y`` ``x`` as they stand on the grid, ``y_um`` ``x_um`` on the image plane, middles of bands with their edges.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def coordinates_of(grids: Mapping[str, Grid], prefix: str = "") -> dict[str, Any
             if f"{prefix}{dim}" in found:
                 continue
             if isinstance(coordinate, Bands):
-                found[f"{prefix}wavelength_edges"] = np.array(coordinate.edges)
+                found[f"{prefix}{dim}_edges"] = np.array(coordinate.edges)
                 found[f"{prefix}{dim}"] = np.array(coordinate.values())
             elif isinstance(coordinate, Line):
                 start, step = coordinate.um()

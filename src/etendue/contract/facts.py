@@ -15,8 +15,8 @@ Rings = tuple[tuple[float, ...], ...]  # by band and ring of radial frequencies
 
 
 @dataclass(frozen=True)
-class Spectrum:
-    """What light holds by wavelength band and by radial frequency, relative to ``full``, the largest value of any band.
+class Content:
+    """What light holds by band and by radial frequency, relative to ``full``, the largest value of any band.
 
     Values are rounded up to three digits, so that no platform's last bits decide what is left out.
 
@@ -40,7 +40,7 @@ class Spectrum:
     def __hash__(self) -> int:
         return hash((self.full, self.edges[-1], self.mean, self.power[0]))
 
-    def scaled(self, low: float, high: float, smooth: bool = False) -> Spectrum:
+    def scaled(self, low: float, high: float, smooth: bool = False) -> Content:
         """Light times a factor, from 0, that changes over the frame between two values: with what it makes of even light.
 
         Of that the share beyond a frequency falls as 1/f, as of an edge; ``smooth``: as 1/f^3, as of a mirrored slope.
@@ -63,7 +63,7 @@ class Spectrum:
         none, rings = (0.0,) * len(self.mean), tuple((0.0,) * len(row) for row in self.power)
         return {"power": rings, "amplitude": rings, "low": none, "mean": none, "high": none}
 
-    def weighed(self, factors: tuple[float, ...]) -> Spectrum:
+    def weighed(self, factors: tuple[float, ...]) -> Content:
         """Every band times its own factor (from 0)."""
         largest = max(f * h for f, h in zip(factors, self.high, strict=True))
         if largest <= 0:
@@ -71,12 +71,12 @@ class Spectrum:
         own = [f / largest for f in factors]
         rings = [tuple(tuple(f**n * v for v in row) for f, row in zip(own, rows, strict=True)) for n, rows in self._rows()]
         low, mean, high = (tuple(f * v for f, v in zip(own, row, strict=True)) for row in (self.low, self.mean, self.high))
-        return Spectrum(self.full * largest, self.edges, rings[0], rings[1], low, mean, high)
+        return Content(self.full * largest, self.edges, rings[0], rings[1], low, mean, high)
 
     def _rows(self) -> tuple[tuple[int, Rings], tuple[int, Rings]]:
         return (2, self.power), (1, self.amplitude)
 
-    def filtered(self, passed: Rings) -> Spectrum:
+    def filtered(self, passed: Rings) -> Content:
         """Behind a blur that leaves so much of every ring, by band or (one row) of all bands alike. The range stays as it was."""
         rows = passed if len(passed) > 1 else passed * len(self.power)
         power, amplitude = (
@@ -125,7 +125,7 @@ class Facts:
     band_limit : frequency above which the scene holds less than a hundredth of its contrast, cycles/um
     rendered : of a scene, with what its ideal chart was drawn: (rms width of a Gaussian, side of the cells over which values
         are means), um, each 0 where it does not apply
-    spectrum : of light, what it holds by band and frequency; the planner finds it of a scene, and passes it on through transfer functions
+    content : of light, what it holds by band and frequency; the planner finds it of a scene, and passes it on through transfer functions
     """
 
     uniform: bool | None = None
@@ -134,7 +134,7 @@ class Facts:
     contrast: float | None = None
     band_limit: float | None = None
     rendered: tuple[float, float] | None = None
-    spectrum: Spectrum | None = None
+    content: Content | None = None
 
     def scaled(self, low: float, high: float | None = None, smooth: bool = False) -> Facts:
         """Facts after multiplication by a factor between ``low`` and ``high`` (both above 0), ``smooth``: one that changes slowly."""
@@ -145,7 +145,7 @@ class Facts:
             low=None if self.low is None else min(self.low * low, self.low * high),
             high=None if self.high is None else max(self.high * low, self.high * high),
             contrast=None if self.contrast is None or low <= 0 else self.contrast * (high / low),
-            spectrum=None if self.spectrum is None else self.spectrum.scaled(low, high, smooth),
+            content=None if self.content is None else self.content.scaled(low, high, smooth),
         )
 
 

@@ -1,6 +1,6 @@
 """Grids: what is known of an array's coordinates before it exists. No arrays here.
 
-A ``Grid`` maps dims to one of three kinds of coordinate: ``Line`` (evenly spaced), ``Bands`` (wavelength bins)
+A ``Grid`` maps dims to one of three kinds of coordinate: ``Line`` (evenly spaced), ``Bands`` (bins with edges)
 and ``Labels`` (names or numbers). They are frozen, so equal grids can be recognised and hashed.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 class Line:
     """``size`` points at ``start + step * i``.
 
-    On the image plane the points are positions in um. On the sensor they are pixel indices, and
+    On the image plane the points are positions in um. Behind it they are pixel indices, and
     ``position`` holds (start, step) of the pixel centres on the image plane, um. ``cells`` says that a value is the
     mean over a cell of length ``step`` about its point, not a sample of band-limited light.
     """
@@ -37,7 +37,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Bands:
-    """Wavelength bins by their edges, nm."""
+    """Bins by their edges, in the unit of their dim."""
 
     edges: tuple[float, ...]
 
@@ -111,11 +111,16 @@ class Grid:
         return coordinate
 
     def bands(self) -> Bands:
-        """The wavelength bins."""
-        coordinate = self["wavelength"]
-        if not isinstance(coordinate, Bands):
-            raise TypeError(f"wavelength has no bins: {coordinate}")
-        return coordinate
+        """The bins of the dim that has some."""
+        for _, coordinate in self.entries:
+            if isinstance(coordinate, Bands):
+                return coordinate
+        raise TypeError(f"no dim has bins: {', '.join(name for name, _ in self.entries) or 'there is none'}")
+
+    @property
+    def banded(self) -> str:
+        """The dim that has bins; '' where none has."""
+        return next((name for name, coordinate in self.entries if isinstance(coordinate, Bands)), "")
 
     def replace(self, **coordinates: Coordinate) -> Grid:
         return Grid.of({**dict(self.entries), **coordinates})

@@ -10,7 +10,8 @@ import inspect
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from etendue.contract.stage import SPECIAL, Stage, coordinates_beside, reads_of, writes_of
+from etendue.contract.dims import PLACE, dim
+from etendue.contract.stage import SPECIAL, Stage, identity_of, reads_of, writes_of
 from etendue.contract.units import same_unit
 from etendue.contract.variables import Declaration, variable
 from etendue.errors import PluginError
@@ -19,17 +20,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _Kind = TypeVar("_Kind", bound=type[Stage])
-UNITS = {"wavelength": "nm"}
-PLACES = ("y", "x")  # dims with places on the image plane beside them
 
 
 def labelled(kind: _Kind) -> _Kind:
     """Let ``run`` of a stage work on labels.
 
-    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims (of ``y`` and ``x`` also ``y_um``, ``x_um`` on the
-    image plane), and the attributes of the vocabulary; the coordinates of dims that only ``writes`` declares stand in ``data`` too. It
-    returns a Dataset (or a mapping of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask for
-    ``prepared``, ``rng``, ``rng_sensor`` and ``asked``.
+    ``run(self, data)`` reads ``data["signal"]`` with the coordinates of its dims: middles of bands, ``y``, ``x`` (with ``y_um``,
+    ``x_um`` on the image plane), and the attributes of the vocabulary; the coordinates of dims that only ``writes`` declares stand in
+    ``data`` too. It returns a Dataset (or a mapping of arrays) of what ``writes`` declares, dims in any order. Beside ``data`` it may ask
+    for ``prepared``, ``rng``, fixed patterns and ``asked``.
 
     Raises
     ------
@@ -38,13 +37,12 @@ def labelled(kind: _Kind) -> _Kind:
     """
     body = kind.run
     asked = [name for name in list(inspect.signature(body).parameters)[1:] if name != "data"]
-    unknown = [name for name in asked if name not in SPECIAL]
+    unknown = [name for name in asked if not (name in SPECIAL or identity_of(name))]
     if unknown:
         raise TypeError(f"{kind.__name__}.run asks for {', '.join(unknown)} beside data; allowed are {', '.join(sorted(SPECIAL))}")
     reads, writes = reads_of(kind), writes_of(kind)
-    dims = tuple(dict.fromkeys(dim for declared in (*reads.values(), *writes.values()) for dim in declared.dims))
-    beside = coordinates_beside(kind)
-    wanted = [name for dim in dims for name in ((dim, f"{dim}_um") if dim in PLACES else (dim,)) if name in beside and dim != "stage"]
+    dims = tuple(dict.fromkeys(own for declared in (*reads.values(), *writes.values()) for own in declared.dims if own != "stage"))
+    wanted = [name for own in dims for name in ((own, f"{own}_um") if own in PLACE else (own,))]
 
     def run(self: Stage, *arrays: Any, **given: Any) -> dict[str, Any]:
         given |= dict(zip(names[1:], arrays, strict=False))
@@ -66,11 +64,11 @@ def _dataset(arrays: Mapping[str, tuple[Declaration, Any]], dims: Iterable[str],
     import xarray as xr
 
     coordinates: dict[str, Any] = {}
-    for dim in dims:
-        if given.get(dim) is not None:
-            coordinates[dim] = (dim, given[dim], {"units": UNITS[dim]} if dim in UNITS else {})
-        if dim in PLACES and given.get(f"{dim}_um") is not None:
-            coordinates[f"{dim}_um"] = (dim, given[f"{dim}_um"], {"units": "um", "long_name": f"{dim} on the image plane"})
+    for own in dims:
+        if given.get(own) is not None:
+            coordinates[own] = (own, given[own], {"units": dim(own).units} if dim(own).units else {})
+        if own in PLACE and given.get(f"{own}_um") is not None:
+            coordinates[f"{own}_um"] = (own, given[f"{own}_um"], {"units": "um", "long_name": f"{own} on the image plane"})
     variables = {}
     for port, (declared, array) in arrays.items():
         attributes = {"units": declared.unit, "long_name": variable(declared.variable).long_name}
@@ -111,8 +109,8 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
         unit = array.attrs.get("units", declared.unit)
         if unit not in carried and not same_unit(unit, declared.unit):
             raise PluginError(f"{name} gave {declared.variable} in {unit}, but declares {declared.unit}")
-        for dim in declared.dims:
-            if dim in array.coords and dim in data.coords and not array.coords[dim].equals(data.coords[dim]):
-                raise PluginError(f"{name} gave {declared.variable} at another {dim} than it read; what changes the grid says so in grid()")
+        for own in declared.dims:
+            if own in array.coords and own in data.coords and not array.coords[own].equals(data.coords[own]):
+                raise PluginError(f"{name} gave {declared.variable} at another {own} than it read; what changes the grid says so in grid()")
         arrays[declared.variable] = array.transpose(*declared.dims).to_numpy()
     return arrays

@@ -10,7 +10,6 @@ from collections.abc import Iterable
 
 TABLES = ("ledger", "summary", "frames")  # groups of an archive beside its stages
 LOOKS = "looks"  # under `keep`: what people look at
-BANDS = frozenset({"wavelength", "y", "x"})  # of light, which nobody looks at band by band
 OWN = ("status",)  # an array in every group beside the variables of a stage
 LONGEST = 100  # characters: with the axes of a cell in it a name of a file has 255 bytes
 

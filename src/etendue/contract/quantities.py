@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from etendue.contract.parameter import MISSING, Parameter
+from etendue.contract.tables import tables
 from etendue.contract.units import parse_unit
 from etendue.errors import PluginError, nearest
 from etendue.plugins import discovery
@@ -20,11 +21,15 @@ from etendue.plugins import discovery
 class Quantity(Parameter):
     """What a distribution says of a shared quantity: the words of ``param()``, its name as an axis, a default unless it must be given.
 
+    ``prefix`` stands in front of its values in the place of its name; ``off`` is the value that says that it does not count.
+
     ``scales``: a quantity whose every value it multiplies: a preset's value of the one does not fit a pipeline's own of the other.
     """
 
     shared: bool = True
     long_name: str = ""
+    prefix: str = ""
+    off: float | None = None
     scales: str = ""
     default: Any = dataclasses.field(default_factory=lambda: MISSING)
 
@@ -62,8 +67,8 @@ def declared(name: str) -> Quantity:
     brought = discovery.installed().first("quantities", name)
     if brought is None:
         hint = nearest(name, names()) or "; a distribution brings one by etendue_quantities() in a manifest that is a module of its own"
-        raise PluginError(f"there is no shared quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
-    return discovery.made_of(Quantity, f"the shared quantity {name!r}", brought)
+        raise PluginError(f"there is no {next(iter(tables()))} quantity {name!r}{hint}{discovery.installed().missed('quantities', name)}")
+    return discovery.made_of(Quantity, f"the {next(iter(tables()))} quantity {name!r}", brought)
 
 
 def long_name(name: str) -> str:

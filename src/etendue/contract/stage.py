@@ -18,11 +18,13 @@ from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
 from typing import Any, ClassVar, TypeVar
 
+from etendue.contract.dims import UNDECLARED, dim
 from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.grid import Coordinate, Grid
 from etendue.contract.names import unfit_variable
 from etendue.contract.parameter import Parameter
 from etendue.contract.variables import Declaration, parse_declaration
+from etendue.plugins import discovery
 from etendue.plugins.discovery import table_file
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -33,10 +35,8 @@ def per_kind(function: _Function) -> _Function:
     return cache(function)  # type: ignore[return-value]
 
 
-COORDINATES = frozenset(
-    f"{prefix}{name}" for prefix in ("", "out_") for name in ("wavelength", "wavelength_edges", "y", "x", "y_um", "x_um", "channel")
-) | {"stage"}
-SPECIAL = frozenset({"asked", "prepared", "rng", "rng_sensor"})
+COORDINATES = frozenset({"y", "x", "y_um", "x_um", "channel", "stage"})  # of dims that nobody need declare
+SPECIAL = frozenset({"asked", "prepared", "rng"})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,8 +45,9 @@ class Stage:
 
     Must be known: ``reads`` and ``writes`` (port to ``"dims [unit]"``), ``run``, parameters (``param``, ``quantity``), ``role``.
 
-    ``run(self, <ports>, <coordinates>, prepared, rng, rng_sensor, asked) -> {variable: array}`` names what it needs. A port whose argument
-    has a default is optional. ``asked``: the optional variables that are asked for. Over dims that a stage does not declare it is mapped.
+    ``run(self, <ports>, <coordinates>, prepared, rng, asked) -> {variable: array}`` names what it needs, fixed patterns too
+    (``etendue_patterns``). A port whose argument has a default is optional. ``asked``: the optional variables that are asked for. Over dims
+    that a stage does not declare it is mapped.
 
     ``role``: what it is an alternative to, in a word or two that stages of one kind share (``"demosaicing"``, ``"sharpening"``,
     ``"lens"``). Among stages that read and write the same, those of another role are not offered in each other's place; '' says
@@ -144,7 +145,7 @@ def reads_of(kind: type[Stage]) -> Mapping[str, Declaration]:
 @per_kind
 def writes_of(kind: type[Stage]) -> Mapping[str, Declaration]:
     found = {port: parse_declaration(port, text) for port, text in kind.writes.items()}
-    dims = {dim for declaration in found.values() for dim in declaration.dims}
+    dims = {own for declaration in found.values() for own in declaration.dims}
     unfit = [f"it may write no {d.variable!r}: {why}" for d in found.values() if (why := unfit_variable(d.variable, dims))]
     if unfit:
         raise ValueError("; ".join(unfit))
@@ -182,13 +183,34 @@ def arguments_of(kind: type[Stage]) -> tuple[str, ...]:
     Raises
     ------
     TypeError
-        It has ``*args`` or ``**kwargs``: an argument nobody declared cannot be given. It asks for patterns of a sensor and not which.
+        It has ``*args`` or ``**kwargs``: an argument nobody declared cannot be given. It asks for fixed patterns and not for whose.
     """
     names = () if kind.run is None else names_asked(kind, "run")
-    if "rng_sensor" in names and "sensor_serial" not in quantities_of(kind):
-        hint = 'write sensor_serial: str = quantity("sensor_serial") among its parameters'
-        raise TypeError(f"{kind.__name__}.run asks for rng_sensor, whose patterns follow the sensor, but not for which sensor: {hint}")
+    patterns = _patterns_among(kind, names)
+    for name, identity in patterns.items():
+        if identity not in quantities_of(kind):
+            hint = f'write {identity}: str = quantity("{identity}") among its parameters'
+            raise TypeError(f"{kind.__name__}.run asks for {name}, whose patterns follow {identity}, but not for that: {hint}")
+    if len({*patterns.values()}) > 1:
+        raise TypeError(f"{kind.__name__}.run asks for {', '.join(patterns)}; allowed are patterns of one kind")
     return names
+
+
+def identity_of(name: str) -> str:
+    """The quantity that says whose the patterns are that an argument of this name draws; '' of what is no pattern generator."""
+    brought = discovery.installed().first("patterns", name)
+    return str(brought.value) if brought is not None else ""
+
+
+def _patterns_among(kind: type[Stage], names: tuple[str, ...]) -> dict[str, str]:
+    found = {name: identity_of(name) for name in names if name not in {*kind.reads, *COORDINATES, *SPECIAL}}
+    return {name: identity for name, identity in found.items() if identity}
+
+
+@per_kind
+def patterns_of(kind: type[Stage]) -> Mapping[str, str]:
+    """The pattern generators that ``run`` asks for, each with the quantity that says whose patterns they are."""
+    return _patterns_among(kind, arguments_of(kind))
 
 
 def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
@@ -198,20 +220,25 @@ def names_asked(kind: type[Stage], method: str) -> tuple[str, ...]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             raise TypeError(f"{kind.__name__}.{method} takes *{parameter.name}; name every input")
         names.append(parameter.name)
-    allowed = set(kind.reads) | COORDINATES | coordinates_beside(kind) | SPECIAL
-    unknown = [name for name in names if name not in allowed]
+    allowed, dims = set(kind.reads) | COORDINATES | SPECIAL, _dims_of(kind)
+    unknown = [name for name in names if not (name in allowed or _is_coordinate(name, dims) or identity_of(name))]
     if unknown:
         raise TypeError(f"{kind.__name__}.{method} asks for {', '.join(unknown)}, which it does not read")
     return tuple(names)
 
 
-@per_kind
-def coordinates_beside(kind: type[Stage]) -> frozenset[str]:
-    """The names of the coordinates of all dims that a stage reads or writes; with ``out_`` those of what it writes."""
-    read = {dim for declaration in reads_of(kind).values() for dim in declaration.dims}
-    written = {dim for declaration in writes_of(kind).values() for dim in declaration.dims}
-    found = {(prefix, dim) for prefix, dims in (("", read | written), ("out_", written)) for dim in dims}
-    return frozenset(f"{prefix}{dim}{end}" for prefix, dim in found for end in ("", "_edges", "_um"))
+def _dims_of(kind: type[Stage]) -> frozenset[str]:
+    return frozenset(own for declared in (*reads_of(kind).values(), *writes_of(kind).values()) for own in declared.dims)
+
+
+def _is_coordinate(name: str, dims: frozenset[str]) -> bool:
+    """Whether an argument is a coordinate of a dim that the stage names or a distribution declares, as it is read or written (``out_``):
+    where its points stand, on the image plane (``_um``), or its edges, where it is one of bands."""
+    own = name.removeprefix("out_")
+    if own in COORDINATES or own in dims or own.removesuffix("_um") in dims:
+        return True
+    declared = dim(own.removesuffix("_edges"))
+    return declared is not UNDECLARED and (declared.bins or not own.endswith("_edges"))
 
 
 @per_kind

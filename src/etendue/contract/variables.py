@@ -38,6 +38,13 @@ class Variable:
     run says that something was lifted to a floor, or lies above saturation. ``better``: whether ``higher`` or ``lower`` is, where that is
     always so; '' where it depends. ``subject``: what a figure is about, such as ``detail`` or ``noise``: reports fold figures by it, and
     open with that of the lowest ``rank``.
+
+    ``quiet``: it is no figure that is shown first. ``usable``: where it is above, a cell is not chosen to open a page with. ``instead``
+    names a variable beside which it says little more. ``curve``: of the curves of a page the one with the highest stands first;
+    ``base``: its curves have a line at 0; ``end``: its value is where an axis of its unit ends for good, and what that is called.
+    Of an index, ``asks`` is what it answers, ``said`` what its names are in a sentence, ``tints`` their colours, and ``cap`` that of
+    them beyond which nothing else counts, with ``cap_said`` behind it. ``dims``: those of every stage that writes it. ``below_zero``:
+    noise takes it there, and whoever reads it has a word for that.
     """
 
     long_name: str = ""
@@ -59,6 +66,19 @@ class Variable:
     better: str = ""
     subject: str = ""
     rank: int = 99
+    quiet: bool = False
+    usable: float | None = None
+    instead: str = ""
+    curve: int = 0
+    base: bool = False
+    end: str = ""
+    asks: str = ""
+    said: Mapping[str, str] = field(default_factory=dict)
+    tints: Mapping[str, str] = field(default_factory=dict)
+    cap: str = ""
+    cap_said: str = ""
+    dims: tuple[str, ...] = ()
+    below_zero: bool = False
 
     def __post_init__(self) -> None:
         if self.counted not in COUNTED:

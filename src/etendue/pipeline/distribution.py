@@ -216,7 +216,8 @@ def _free(kind: Any) -> str:
 
 def _public(kind: Any) -> str:
     """Where a class may be imported from."""
-    return str(kind.__module__)
+    package = kind.__module__.partition(".")[0]
+    return f"{package}.models" if package in discovery.own_packages() - {OWN} else str(kind.__module__)
 
 
 def _listed(word: str, ports: Mapping[str, Any]) -> str:

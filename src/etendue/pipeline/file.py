@@ -231,7 +231,7 @@ def from_document(document: Mapping[str, Any], file: str = "") -> Pipeline:
     for key in document:
         if key not in (*TOP, table.name):
             known = [*TOP, *tables()]
-            hint = f"; {key} is a shared quantity: set it under [{table.name}]" if key in quantities.names() else nearest(key, known)
+            hint = f"; {key} is a {table.name} quantity: set it under [{table.name}]" if key in quantities.names() else nearest(key, known)
             hint = f"; quantities stand under [{table.name}] already" if key in tables() else hint
             faults.append(Fault(key, f"unknown key{hint}"))
 
@@ -360,7 +360,7 @@ def _stages(value: Any, faults: list[Fault]) -> tuple[tuple[StageEntry, ...], bo
         seen[name] = place.partition(" ")[0]
         origin = table.get("from", {})
         if not isinstance(origin, dict) or not all(isinstance(v, str) for v in origin.values()):
-            faults.append(Fault(f"{place}.from", 'expected a table of ports and stages, such as { irradiance = "falloff" }'))
+            faults.append(Fault(f"{place}.from", 'expected a table of ports and stages, such as { PORT = "STAGE" }'))
             origin = {}
         values = {key: v for key, v in table.items() if key not in ("use", "name", "from")}
         entries.append(StageEntry(name, use, values, origin, place))

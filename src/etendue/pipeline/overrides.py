@@ -35,13 +35,15 @@ def by_one_name(overrides: Mapping[str, Any], document: Mapping[str, Any]) -> di
             key = f"sweep.{axis_name(key.removeprefix('sweep.'), document)}"
         elif "." not in key and key not in TOP and key in _quantities(document):
             key = table_in(document).place(key)
+        elif "." in key and (head := key.partition(".")[0]) in tables() and head not in _stages(document):
+            key = table_in(document).place(key.partition(".")[2])
         found.pop(key, None)
         found[key] = value
     return found
 
 
 def flat(sweep: Mapping[str, Any]) -> dict[str, Any]:
-    """``demosaic.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
+    """``STAGE.use`` without quotes is a table in a table to TOML; here it is one axis all the same."""
     found: dict[str, Any] = {}
     for key, value in sweep.items():
         if isinstance(value, dict) and value and not set(value) & {"from", "to", "steps", "spacing"}:
@@ -80,9 +82,6 @@ def apply_overrides(document: dict[str, Any], overrides: Mapping[str, Any], file
     for key, value in by_one_name(overrides, document).items():
         head, _, tail = key.partition(".")
         named = _stages(document)
-        if tail and head not in named and head in tables():
-            head = table_in(document).name
-            key = f"{head}.{tail}"
         if head in (*tables(), "sweep", "about") and tail:
             if not isinstance(document.setdefault(head, {}), dict):
                 continue  # a fault of form, found later

@@ -77,7 +77,7 @@ def _alternative(request: Request, stage: str, use: str, label: str, written: Ma
         if name not in declared:
             hint = nearest(name, own)
             if name in quantities.names():
-                hint = f"; {name} is a shared quantity: set it under [{request.pipeline.table.name}]"
+                hint = f"; {name} is a {request.pipeline.table.name} quantity: set it under [{request.pipeline.table.name}]"
             else:
                 hint = hint or ("; see: etendue stages " + use if own else "; it has none of its own")
             request.fault(f"{place}.{name}", f"{use} has no parameter {name!r}{hint}")

@@ -83,7 +83,7 @@ def _parameter_of(request: Request, key: str, entries: Entries, shared: Quantiti
         return None
     parameter, kind, _ = parameters_of(holders[0].kind)[name]
     if parameter.shared:
-        request.fault(place, f"{name} is a shared quantity: sweep it by its own name")
+        request.fault(place, f"{name} is a {request.pipeline.table.name} quantity: sweep it by its own name")
         return None
     return _Target(parameter, kind, f"{stage}_{name}", name, [stage])
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from etendue.contract.capabilities import Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
-from etendue.contract.roles import Datasheet
+from etendue.contract.capabilities import Datasheet, Probe, Tinting, ends_in_sum, is_seen_as_transfer, is_transfer
 from etendue.contract.stage import looks, looks_at_stages, optional_ports, parameters_of, quantities_of, reads_of, writes_of
 from etendue.contract.units import same_unit
 from etendue.contract.variables import Declaration
@@ -211,7 +210,7 @@ def _reach(inputs: tuple[Bound, ...], looks_at: Looks, earlier: list[Node]) -> s
     for node in (n for n in earlier for _, what, names in looks_at if what == "datasheet" and n.name in names):
         reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())
     for looked in (n for n in earlier for _, what, names in looks_at if what == "transfer" and n.name in names):
-        # a transfer function depends on its stage, and its mean over wavelength on the scenes and the filters in front of it
+        # a transfer function depends on its stage, and its mean over bands on the scenes and the filters in front of it
         before = _ancestors(looked, earlier)
         for node in [looked, *(n for n in before if n.is_source or any(issubclass(a.kind, Tinting) for a in n.alternatives))]:
             reach |= {dim for dim, _ in node.direct} | ({node.use_axis} if node.use_axis else set())

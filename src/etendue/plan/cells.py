@@ -13,11 +13,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from etendue.contract.bounds import MOST_CELLS, beyond, number
-from etendue.contract.capabilities import Probe, Source, Summed, Transfer
+from etendue.contract.capabilities import Noisy, Probe, Source, Summed, Transfer
 from etendue.contract.facts import UNKNOWN, Facts
 from etendue.contract.found import Found
 from etendue.contract.grid import Grid
-from etendue.contract.roles import Noisy
 from etendue.contract.stage import Stage, looks_at_stages, parameters_of, quantities_of, reads_of, writes_of
 from etendue.errors import Fault, MachineError, PluginError, RequestError
 from etendue.pipeline.file import Pipeline
@@ -197,17 +196,17 @@ class _Expansion:
     def seen_before(self, stage: Stage, facts: Facts, grids: Mapping[str, Grid]) -> tuple[Facts, Mapping[str, Grid]]:
         """What a scene says of itself, and what its light holds, where anything may be left out for it."""
         assert isinstance(stage, Source)
-        if not self.choice.leave_out or facts.spectrum is not None:
+        if not self.choice.leave_out or facts.content is not None:
             return facts, grids
         light = {name: grid for name, grid in grids.items() if name == scenes.light_of(type(stage))}
         if not light:
             return facts, grids
-        found, seconds = scenes.spectrum_of(stage, grids)
+        found, seconds = scenes.content_of(stage, grids)
         self.looked += seconds
         if found is None:
             return facts, grids
         low, high = found.range_of_light()
-        return replace(facts, spectrum=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
+        return replace(facts, content=found, uniform=facts.uniform or found.detail == 0, low=low, high=high), grids
 
     def add(self, node: Node, index: tuple[int, ...]) -> None:
         cells, by_dim = self.cells, dict(zip(node.axes, index, strict=True))
@@ -333,15 +332,15 @@ class _Expansion:
         if not isinstance(stage, Transfer) or isinstance(stage, Summed):
             return own
         (port,) = reads_of(type(stage))
-        spectrum = facts_in[port].spectrum
-        if spectrum is None:
+        content = facts_in[port].content
+        if content is None:
             return own
         try:
-            left = effects.behind(stage, grids_in[port].bands().edges, spectrum)
+            left = effects.behind(stage, grids_in[port].bands().edges, content)
         except ValueError:  # it refuses, and says why in its own place
             return own
-        low, high = spectrum.range_of_light()
-        return replace(own, spectrum=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high)
+        low, high = content.range_of_light()
+        return replace(own, content=left, low=low if own.low is None else own.low, high=high if own.high is None else own.high)
 
     def seen(self, node: Node) -> tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]:
         """Every stage that a node looks at through any port, in the order of the pipeline."""
@@ -360,7 +359,7 @@ class _Expansion:
     def error(self, node: Node, stage: Stage, inputs: Any, facts: Any, grids: Any) -> tuple[float | None, str]:
         if node.segment and isinstance(stage, Summed):
             source, _ = self.segment_input(node, inputs) or (inputs[0][1], "")
-            facts = {**facts, inputs[0][0]: replace(facts[inputs[0][0]], spectrum=self.cells[source].facts.spectrum)}
+            facts = {**facts, inputs[0][0]: replace(facts[inputs[0][0]], content=self.cells[source].facts.content)}
             return asking.error_of(stage, "segment_error", self.before(node, inputs), facts, grids, self.precision)
         return asking.error_of(stage, "error", facts, grids, self.precision)
 

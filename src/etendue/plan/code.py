@@ -20,8 +20,9 @@ from pkgutil import iter_modules
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from etendue.contract.capabilities import is_transfer
-from etendue.contract.stage import Stage, per_kind
+from etendue.contract.capabilities import bands_of, is_transfer
+from etendue.contract.dims import dim
+from etendue.contract.stage import Stage, patterns_of, per_kind
 from etendue.plan import sources
 from etendue.plan.distributions import CODE, SITES, VERSIONED, Installed, owner_of, place_of, sha256, top_of, whole
 from etendue.plan.engine import ENGINE, TRANSFER_KERNELS, only_moves
@@ -29,7 +30,7 @@ from etendue.plan.keys import digest
 from etendue.plugins import discovery
 
 OWN = "etendue"
-DOOR = "etendue.api"  # it only hands on: what is taken out of it is followed to where it stands
+DOOR = "api"  # of a package of this distribution it only hands on: what is taken out of it is followed to where it stands
 IN_PLATFORM = {"numpy", "scipy"}
 
 
@@ -60,9 +61,18 @@ def code_of(kind: type[Stage]) -> Code:
     if is_transfer(kind):
         roots.update(TRANSFER_KERNELS)
     found = _reached(roots)
+    found.sources.update(_said_of(kind))
     if place_of(kind.__module__) is None:  # written in a notebook
         found.sources[kind.__module__] = digest(_text_of(kind).encode())
     return Code({**engine(), **found.sources}, found.libraries)
+
+
+def _said_of(kind: type[Stage]) -> Iterator[tuple[str, str]]:
+    """What manifests say of the dims and fixed patterns of a stage: by it, it is asked at other places, or given another's patterns."""
+    if bands := bands_of(kind):
+        yield f"the dim {bands}", digest(f"{dim(bands).factor!r}".encode())
+    for name, identity in patterns_of(kind).items():
+        yield f"the patterns {name}", digest(identity.encode())
 
 
 @cache
@@ -136,8 +146,8 @@ def _step(name: str) -> _Step:
         return _Step(libraries=frozenset({VERSIONED[top]}))
     package = name.rpartition(".")[0]
     above = (package,) if rest else ()
-    if top in _own_tops():
-        return _of_etendue(name, above)
+    if top in discovery.own_packages():
+        return _of_own(name, above)
     if name.endswith(".*"):
         place = place_of(package)
         return _Step(behind=(*above, *(f"{package}.{one.name}" for one in iter_modules(place.folders if place else ()))))
@@ -158,10 +168,11 @@ def _behind(name: str, file: Path, source: sources.Source) -> Iterator[str]:
             yield _models()[one]
 
 
-def _of_etendue(name: str, above: tuple[str, ...]) -> _Step:
-    if name == DOOR or name.startswith(f"{DOOR}."):
-        return _Step(behind=tuple(_through_the_door(name.removeprefix(DOOR).removeprefix("."))))
-    if only_moves(name) or name in ENGINE:
+def _of_own(name: str, above: tuple[str, ...]) -> _Step:
+    top, _, rest = name.partition(".")
+    if rest == DOOR or rest.startswith(f"{DOOR}."):
+        return _Step(behind=tuple(_through_the_door(f"{top}.{DOOR}", rest.removeprefix(DOOR).removeprefix("."))))
+    if only_moves(name) or name in ENGINE or name in manifests():
         return _Step()
     file = _own_file(name)
     if file is None:
@@ -178,22 +189,18 @@ def _of_etendue(name: str, above: tuple[str, ...]) -> _Step:
     return _Step(found, behind=(*above, *_behind(name, file, source)))
 
 
-def _through_the_door(name: str) -> Iterator[str]:
-    """Where that stands which is taken out of ``etendue.api``; all of it where the module itself is."""
-    if name in ("", "spectra"):
-        yield "etendue_camera.spectra"
-    file = _own_file(DOOR)
+def _through_the_door(door: str, name: str) -> Iterator[str]:
+    """Where that stands which is taken out of a door; all of it where the module itself is."""
+    file = _own_file(door)
     for one in sources.known(file).imports if file else ():
         if name in ("", "*") or one.rpartition(".")[2] == name:
             yield one
 
 
 @cache
-def _own_tops() -> frozenset[str]:
-    """The packages of this distribution: the engine, and those of its manifests."""
-    return frozenset(
-        {OWN, *(point.value.partition(".")[0] for point in discovery.installed().points if point.dist and point.dist.name == OWN)}
-    )
+def manifests() -> frozenset[str]:
+    """The manifests of this distribution."""
+    return frozenset(point.module for point in discovery.installed().points if point.dist and point.dist.name == OWN)
 
 
 def _top_folder(module: str) -> Path:
@@ -211,7 +218,7 @@ def _own_file(module: str) -> Path | None:
 
 @cache
 def _models() -> dict[str, str]:
-    """The modules of built-in stages by the names of their classes, as ``etendue_camera.models`` gives them."""
+    """The modules of the stages of this distribution by the names of their classes, as ``models`` of a package gives them."""
     found = discovery.installed()
     brought = (found.first("stages", name) for name in found.names("stages"))
     places = (one.value for one in brought if one is not None and one.distribution == OWN and isinstance(one.value, str))

@@ -16,7 +16,7 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.contract.variables import Declaration
 from etendue.plan.model import Cell, Node
 
-LARGEST_WHOLE = 128 << 20  # a variable with wavelength above this is made and stored one band at a time
+LARGEST_WHOLE = 128 << 20  # a variable with bands above this is made and stored one band at a time
 BYTES = {"uint8": 1, "uint16": 2, "uint32": 4}
 
 
@@ -29,8 +29,9 @@ def bytes_of(declaration: Declaration, grid: Grid, precision: str) -> int:
 
 
 def too_large(declaration: Declaration, grid: Grid, precision: str) -> bool:
-    """Whether a variable is made and stored one wavelength band at a time."""
-    return declaration.dims == ("wavelength", "y", "x") and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
+    """Whether a variable is made and stored one band at a time."""
+    by_band = declaration.dims[1:] == ("y", "x") and declaration.dims[0] == grid.banded
+    return by_band and bytes_of(declaration, grid, precision) > LARGEST_WHOLE
 
 
 def alike(cells: Iterable[Cell]) -> list[tuple[Cell, int]]:
@@ -83,6 +84,6 @@ def _cost(parameter: Parameter, value: Any) -> float:
 
 
 def gathered_share(stage: Stage, grid: Grid) -> float:
-    """Of the planes that a stage with a sum over wavelength transforms, of as many as there are bands."""
+    """Of the planes that a stage with a sum over bands transforms, of as many as there are bands."""
     terms = stage.terms() if isinstance(stage, Summed) else 0
     return min(1.0, terms / grid.bands().size) if terms else 1.0

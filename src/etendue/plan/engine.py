@@ -1,7 +1,8 @@
 """Of the engine's own modules: which can change a bit of a cell, and which only move what others compute.
 
 The room ``compute`` is in the key of every cell, with the few modules outside it that its bits depend on; the digest of a stage's own
-code, and of all it imports, stands beside it (``plan.code``). Rooms in ``MOVES`` are followed by no digest, each for a reason. A test
+code, and of all it imports, stands beside it (``plan.code``). Rooms in ``MOVES`` are followed by no digest, each for a reason; nor is a
+manifest: which class stands under a name, defaults, dims and patterns stand in keys as that code and these values. A test
 computes cells of every kind of pipeline in fresh processes, and fails where one of them imports a module, or reads a table, that is in
 neither and in no digest.
 """
@@ -32,7 +33,10 @@ ENGINE = (
 )
 
 # What the engine computes for transfer functions: in the digests of these, and of no other stages.
-TRANSFER_KERNELS = ("etendue.transfer.cell_pixels", "etendue.transfer.cells", "etendue.transfer.expansion", "etendue.transfer.sampling")
+TRANSFER_KERNELS = (
+    "etendue.contract.units",  # that in which they are given the middles of bands
+    "etendue.transfer.cell_pixels", "etendue.transfer.cells", "etendue.transfer.expansion", "etendue.transfer.sampling",
+)  # fmt: skip
 
 _VALUES = "what it says of a value stands in keys as that value"
 _DECIDES = "what it decides stands in keys"
@@ -53,6 +57,7 @@ MOVES = {
     "etendue.compute.joined": _WORDS,
     "etendue.contract": _WORDS,
     "etendue.contract.bounds": "refuses what is too large",
+    "etendue.contract.dims": "which dims are bands, and in which unit, stands in keys",
     "etendue.contract.drawn": _AFTER,
     "etendue.contract.facts": f"what is known before a run decides what is left out, knobs and precision: {_DECIDES}",
     "etendue.contract.found": "stands for a value until the run has found it",
@@ -61,7 +66,6 @@ MOVES = {
     "etendue.contract.ports": "what a keeper of results is asked",
     "etendue.contract.quantities": _VALUES,
     "etendue.contract.registry": "loads the class of a stage, whose code stands in its key",
-    "etendue.contract.roles": "names by which studies find stages",
     "etendue.contract.stated": f"stated errors decide which knobs are set: {_DECIDES}",
     "etendue.errors": _WORDS,
     "etendue.interrupts": "signals",
@@ -78,23 +82,7 @@ MOVES = {
     "etendue.telling": _WORDS,
     "etendue.testing.*": _AFTER,
     "etendue.transfer": _WORDS,
-    "etendue.transfer.contents": f"what a source holds decides what is left out: {_DECIDES}",
-    "etendue.transfer.effects": f"what a transfer function changes decides what is left out: {_DECIDES}",
-    "etendue.transfer.rings": f"what light holds by frequency decides what is left out: {_DECIDES}",
     "etendue.trust.*": _AFTER,
-    "etendue_camera.cli.*": _AFTER,
-    "etendue_camera.export.*": _AFTER,
-    "etendue_camera.importing.*": "makes the files of scenes, which count by content",
-    "etendue_camera.manifest": "which class stands under a name, and defaults: the code of one and the value of the other stand in keys",
-    "etendue_lab.*": _AFTER,
-}
-MOVED_DATA = {
-    "better.toml": _WORDS,
-    "quantities.toml": _VALUES,
-    "roles.toml": _WORDS,
-    "stages.toml": "which class stands under a name: its code stands in keys",
-    "subjects.toml": _WORDS,
-    "variables.toml": _WORDS,
 }
 
 

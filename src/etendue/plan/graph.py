@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from etendue.contract.names import BANDS, LOOKS, unfit_axis
+from etendue.contract.dims import is_light
+from etendue.contract.names import LOOKS, unfit_axis
 from etendue.contract.registry import Registry
 from etendue.contract.stage import parameters_of, quantities_of
 from etendue.errors import PluginError, RequestError, nearest
@@ -83,7 +84,7 @@ def resolve_keep(nodes: tuple[Node, ...], keep: tuple[str, ...] | None) -> froze
     everything = [(n.name, v) for n in nodes for v in n.writes]
     if keep is None:
         return frozenset(everything)
-    chosen = {(n.name, v) for n in nodes for v, written in n.writes.items() if LOOKS in keep and not BANDS <= {*written.dims}}
+    chosen = {(n.name, v) for n in nodes for v, written in n.writes.items() if LOOKS in keep and not is_light(written.dims)}
     for stage, variable in everything:
         if variable in keep or stage in keep or f"{stage}.{variable}" in keep:
             chosen.add((stage, variable))

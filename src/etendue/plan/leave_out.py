@@ -13,10 +13,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from etendue.contract.capabilities import Bounded, Summed, Transfer
+from etendue.contract.capabilities import Bounded, Noisy, Summed, Transfer
 from etendue.contract.facts import Facts
 from etendue.contract.grid import Grid
-from etendue.contract.roles import Noisy
 from etendue.contract.stage import Stage, reads_of, writes_of
 from etendue.plan.asking import negligible, variance_of
 from etendue.plan.model import LeftOut
@@ -48,8 +47,8 @@ def decide(
     main = next(p for p, d in reads_of(type(stage)).items() if d.variable == writes[0].variable)
     own, grid = facts[main], grids_in[main]
     found = _of_the_stage(rule, stage, own, grid)
-    if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.spectrum is not None and "wavelength" in grid:
-        changed = _of_the_spectrum(rule, stage, own, grid)
+    if (found is None or found.bound > 0) and isinstance(stage, Transfer) and own.content is not None and grid.banded:
+        changed = _of_the_content(rule, stage, own, grid)
         found = found if changed is None else _less(found, changed)
     if found is None and isinstance(stage, Noisy) and rule.tolerance > 0:
         found = _of_the_noise(stage, own, noises, rule.tolerance)
@@ -68,19 +67,19 @@ def _of_the_stage(rule: Rule, stage: Stage, facts: Facts, grid: Grid) -> LeftOut
     if answer is None:
         return None
     bound, why = answer
-    if stage.pointwise and facts.spectrum is not None and rule.norm == "rms":
-        bound *= min(1.0, facts.spectrum.rms)
+    if stage.pointwise and facts.content is not None and rule.norm == "rms":
+        bound *= min(1.0, facts.content.rms)
     return LeftOut(bound, why)
 
 
-def _of_the_spectrum(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None:
+def _of_the_content(rule: Rule, stage: Transfer, facts: Facts, grid: Grid) -> LeftOut | None:
     """The sum over what the light holds; None where the stage refuses to answer: it says why in its own place."""
-    assert facts.spectrum is not None
-    if facts.spectrum.detail == 0:
-        dark = facts.spectrum.full == 0
+    assert facts.content is not None
+    if facts.content.detail == 0:
+        dark = facts.content.full == 0
         return LeftOut(0.0, "there is no light" if dark else "the scene is uniform: blur changes nothing")
     try:
-        bound = effects.change(stage, grid.bands().edges, facts.spectrum, rule.norm)
+        bound = effects.change(stage, grid.bands().edges, facts.content, rule.norm)
     except ValueError:
         return None
     return LeftOut(bound, "the scene holds so little detail that is fine enough for it")
@@ -92,7 +91,7 @@ def _of_the_noise(stage: Noisy, facts: Facts, noises: Callable[[], list[Noisy] |
         return None
     low, high = max(facts.low, 0.0), max(facts.high, 0.0)
     own = variance_of(stage, low)
-    if low == 0 or own is None or own > low:  # shot noise is always there, and this is more
+    if low == 0 or own is None or own > low:  # counts scatter by as much, and this is more
         return None
     every = noises()
     if every is None:

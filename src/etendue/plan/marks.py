@@ -6,8 +6,7 @@ Out: names of stages, for tables, plots and reports to say beside the figure.
 
 from __future__ import annotations
 
-from etendue.contract.capabilities import is_random
-from etendue.contract.roles import SHOT_NOISE, Datasheet
+from etendue.contract.capabilities import Datasheet, Noisy, is_random
 from etendue.contract.stage import Stage, looks_at_stages
 from etendue.plan.model import Node, Plan
 
@@ -19,19 +18,20 @@ def not_in_it(plan: Plan, node: Node, variable: str) -> tuple[str, ...]:
         return ()
     looked = {what: names for _, what, names in node.looks_at if looks_at_stages(what)}
     seen = {name for names in looked.values() for name in names}
+    measured = {written for other in plan.nodes if other.name in looked.get("datasheet", ()) for written in other.writes}
     found = []
     for other in plan.nodes:
         kinds = [one.kind for one in other.alternatives]
-        told = any(kind.role in roles for kind in kinds) or ("datasheet" in looked and any(map(_silent, kinds)))
+        told = any(kind.role in roles for kind in kinds) or any(_silent(kind, measured) for kind in kinds)
         if told and other.name not in seen | {node.name} and not other.is_probe and not _idle(plan, other):
             found.append(other.name)
     return tuple(found)
 
 
-def _silent(kind: type[Stage]) -> bool:
-    """Whether a stage of the read-out draws noise of which no datasheet says how much."""
-    writes = {"charge", "raw"} & set(kind.writes)
-    return bool(writes) and is_random(kind) and not issubclass(kind, Datasheet) and kind.role != SHOT_NOISE
+def _silent(kind: type[Stage], measured: set[str]) -> bool:
+    """Whether a stage that writes what stages with a datasheet write draws noise of which none says how much."""
+    told = issubclass(kind, Datasheet) or (issubclass(kind, Noisy) and kind.inherent)
+    return bool(measured & set(kind.writes)) and is_random(kind) and not told
 
 
 def _idle(plan: Plan, node: Node) -> bool:

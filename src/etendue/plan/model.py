@@ -12,9 +12,10 @@ from functools import cached_property
 from typing import Any
 
 from etendue.contract.capabilities import Probe, Source, Summed, Tinting, draws_anew, ends_in_sum, is_random, is_source, is_transfer
+from etendue.contract.dims import banded
 from etendue.contract.facts import Facts
 from etendue.contract.grid import Coordinate, Grid
-from etendue.contract.stage import Stage, quantities_of, reads_of, writes_of
+from etendue.contract.stage import Stage, per_kind, quantities_of, reads_of, writes_of
 from etendue.contract.variables import Declaration
 from etendue.pipeline.file import Pipeline
 from etendue.plan.numbers import Numbers
@@ -193,11 +194,10 @@ def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | N
     edges = cell.input_grids[cell.inputs[0][0]].bands().edges
     passed = [1.0] * (len(edges) - 1)
     while cell.inputs:
-        reads, writes = reads_of(type(cell.stage)), writes_of(type(cell.stage))
         if isinstance(cell.stage, Tinting):
-            taken = cell.stage.transmission(next(grid for grid in cell.input_grids.values() if "wavelength" in grid))
+            taken = cell.stage.transmission(next(grid for grid in cell.input_grids.values() if grid.banded))
             passed = [own * float(share) for own, share in zip(passed, taken, strict=True)]
-        elif "white_irradiance" in {d.variable for d in reads.values()} & {d.variable for d in writes.values()}:
+        elif _changes_white(type(cell.stage)):
             return None
         cell = cells[cell.inputs[0][1]]
     white = cell.stage.white_light(edges) if isinstance(cell.stage, Source) else None
@@ -205,6 +205,13 @@ def light_of(cells: Mapping[CellRef, Cell], cell: Cell) -> tuple[float, ...] | N
         return None
     light = [share * float(own) for share, own in zip(passed, white, strict=True)]
     return tuple(round(value / max(light), 12) for value in light) if max(light) > 0 else None
+
+
+@per_kind
+def _changes_white(kind: type[Stage]) -> bool:
+    """Whether a stage reads and writes something that has a value for every band, and no place."""
+    read = {declared.variable for declared in reads_of(kind).values()}
+    return any(declared.variable in read and len(declared.dims) == 1 and banded(declared.dims) for declared in writes_of(kind).values())
 
 
 def chains(names: Sequence[str], nodes: Mapping[str, Node]) -> list[list[int]]:

@@ -55,7 +55,7 @@ def preset_axis(request: Request, declared: Mapping[str, Declared]) -> Axis | No
             tables[label] = table
     own = {name for table in tables.values() for name in table if name not in words}
     for name in sorted(own - {*declared, *quantities.names()}):
-        request.fault(place, f"unknown quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}")
+        request.fault(place, f"unknown {whose.name} quantity {name!r}{nearest(name, [*words, *declared, *quantities.names()])}")
     named = {name for known in preset_names(whose) for name in _stated(known, whose)}
     taken = [name for name in declared if name in own or (name in named and name not in request.pipeline.shared)]
     taken = [name for name in taken if name not in request.pipeline.sweep]

@@ -90,7 +90,7 @@ def _values_of(request: Request, declared: Mapping[str, Declared], written: froz
                 request.warnings.append(f"{place(name)} is not used by any stage of this pipeline")
             else:
                 known = [*([named] if named else []), *declared, *quantities.names()]
-                request.fault(place(name), f"unknown quantity{nearest(name, known)}")
+                request.fault(place(name), f"unknown {pipeline.table.name} quantity{nearest(name, known)}")
             continue
         try:
             values[name] = resolve(value, declared[name].parameter, declared[name].kind, pipeline.folder)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from operator import itemgetter
 from typing import NamedTuple
 
-from etendue.contract.roles import Noisy
+from etendue.contract.capabilities import Noisy
 from etendue.contract.stage import looks, quantities_of, reads_of
 from etendue.plan.model import Node
 

@@ -142,7 +142,7 @@ def select(plan: Plan, finished: set[CellRef], requested: set[CellRef] | None = 
 
 
 def _need_segment(plan: Plan, source: CellRef, todo: set[CellRef]) -> None:
-    """A spectrum is rebuilt from its segment's input, which must be stored or computed."""
+    """A transform is rebuilt from its segment's input, which must be stored or computed."""
     segment_input = plan.cells[source].segment_input
     assert segment_input is not None
     (node, index), variable = segment_input

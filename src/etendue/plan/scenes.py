@@ -1,7 +1,7 @@
 """What scenes hold, found once for every scene that was ever planned: kept by the scene's digest.
 
 In:  a source and its grids.
-Out: its ``Spectrum``, and the seconds that looking at it took.
+Out: its ``Content``, and the seconds that looking at it took.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import asdict
 
 from etendue import cache
 from etendue.contract.capabilities import Source
-from etendue.contract.facts import Spectrum
+from etendue.contract.facts import Content
 from etendue.contract.grid import Grid
 from etendue.plan.code import code_at, code_digest, libraries_of
 from etendue.plan.keys import key_of, parameters_for_key, version_of
@@ -22,13 +22,13 @@ from etendue.transfer import contents as scenes
 from etendue.transfer.contents import light_of
 
 FORM = 1  # of the file
-__all__ = ["light_of", "spectrum_of"]
-MOST = 64  # spectra of which a process knows itself
-_KNOWN: dict[str, Spectrum | None] = {}
+__all__ = ["content_of", "light_of"]
+MOST = 64  # contents of which a process knows itself
+_KNOWN: dict[str, Content | None] = {}
 _lock = threading.Lock()
 
 
-def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | None, float]:
+def content_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Content | None, float]:
     """What the light of a scene holds, and the seconds spent on it now."""
     grid = sorted((name, repr(grid)) for name, grid in grids.items())
     code = [code_digest(type(source)), code_at("etendue.transfer.contents")]
@@ -40,7 +40,7 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | N
     began = time.perf_counter()
     found = _read(cache.read("scenes", key))
     if found is None:
-        found = scenes.spectrum_of(source, grids)
+        found = scenes.content_of(source, grids)
         if found is not None:
             cache.write("scenes", key, json.dumps(asdict(found)).encode())
     with _lock:
@@ -50,11 +50,11 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> tuple[Spectrum | N
     return found, time.perf_counter() - began
 
 
-def _read(data: bytes | None) -> Spectrum | None:
+def _read(data: bytes | None) -> Content | None:
     try:
         document = json.loads(data or b"")
         power, amplitude = (tuple(map(tuple, document[name])) for name in ("power", "amplitude"))
         edges, low, mean, high = (tuple(map(float, document[name])) for name in ("edges", "low", "mean", "high"))
-        return Spectrum(float(document["full"]), edges, power, amplitude, low, mean, high)
+        return Content(float(document["full"]), edges, power, amplitude, low, mean, high)
     except (ValueError, KeyError, TypeError):
         return None

@@ -23,7 +23,7 @@ from etendue.plan.keys import digest
 
 PACKAGE = Path(__file__).parent.parent
 SETTLED = 2.0  # s; a file edited more recently may be edited again within the same tick of its clock
-FORM = 2  # of what is kept
+FORM = 3  # of what is kept
 MOST = 4000  # files that are kept; beyond, those that are gone are forgotten
 
 CALLED = ("import_module", "__import__")  # with a name that stands there they are imports like any other
@@ -45,7 +45,7 @@ class Source:
     """What is known of a file. ``imports`` are names of modules and of what is taken out of them, relative ones with their dots.
 
     ``words``: a docstring and nothing else. ``hides``: imports something that cannot be seen. ``beside``: reads files that lie beside it.
-    ``classes``: of a module that imports ``etendue_camera.models``, every word that may be the name of one.
+    ``classes``: of a module that imports the ``models`` of a package, which gives classes by name, every word that may be the name of one.
     """
 
     digest: str
@@ -70,7 +70,7 @@ def _read(path: Path) -> Source:
         seen, hides = _called(tree)
         found |= seen
     words = path.name == "__init__.py" and all(isinstance(n, ast.Expr) for n in tree.body)
-    models = any(name.startswith("etendue_camera.models") for name in found)
+    models = any(name.split(".")[1:2] == ["models"] for name in found)
     classes = tuple(sorted(set(_CLASS.findall(source.decode("utf-8", "replace"))))) if models else ()
     return Source(digest(source), tuple(sorted(found)), words, hides, bool(_BESIDE.search(source)), classes)
 

@@ -212,6 +212,12 @@ def installed() -> Discovery:
     return Discovery(points.select(group=hookspecs.GROUP), points.select(group=hookspecs.FORMER_GROUP))
 
 
+def own_packages() -> frozenset[str]:
+    """The packages of this distribution: the engine, and those of its manifests."""
+    mine = (point for point in installed().points if point.dist and point.dist.name == OWN)
+    return frozenset({OWN, *(point.value.partition(":")[0].partition(".")[0] for point in mine)})
+
+
 def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
     """What a distribution says in a mapping, as a dataclass with the same words."""
     known = [field.name for field in fields(form)]  # type: ignore[arg-type]

@@ -38,7 +38,14 @@ _here = _AtWork()
 
 def is_guest(kind: type) -> bool:
     """Whether a class of stages is another distribution's."""
-    return kind.__module__.partition(".")[0] != "etendue"
+    return kind.__module__.partition(".")[0] not in _own_packages()
+
+
+@cache
+def _own_packages() -> frozenset[str]:
+    from etendue.plugins.discovery import own_packages  # which asks for guests
+
+    return own_packages()
 
 
 @cache

@@ -9,7 +9,7 @@ used. Every hook gives a mapping by name. Two distributions that give one name a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pluggy
@@ -62,6 +62,32 @@ def etendue_vocabularies() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[e
 
 
 @hookspec
+def etendue_dims() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Dims that are cut into bands, or have a unit and a name of their own (``contract.dims.Dim``). Stages may ask for the coordinates of
+    a dim by its name, and for the edges of its bands as ``NAME_edges``.
+
+    {"frequency": {"bins": True, "units": "Hz", "long_name": "frequency"}}
+    """
+
+
+@hookspec
+def etendue_units() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """Units beside those of the SI: '' for one that is made of no others, or what one of it is.
+
+    {"grain": "", "stop": "0.3 grain"}
+    """
+
+
+@hookspec
+def etendue_patterns() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """Generators of fixed patterns, random numbers by absolute position that are the same in every cell: the argument of ``run`` by which
+    a stage asks for one, and the shared quantity that says whose patterns they are.
+
+    {"rng_film": "film_serial"}
+    """
+
+
+@hookspec
 def etendue_commands() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
     """Commands of the program ``etendue``: where the click command stands, how it is typed, what it does (``cli.commands.Command``).
 
@@ -79,8 +105,8 @@ def etendue_methods() -> Mapping[str, str]:  # type: ignore[empty-body]
 
 @hookspec
 def etendue_shares() -> Mapping[str, str]:  # type: ignore[empty-body]
-    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` there are
-    none.
+    """What says the share of each stage in what is lost: ``function(folder, at, told)`` gives ``losses``, ``notes``, and ``why`` where
+    there are none.
 
     {"halation": "my_film.study:shares_at"}
     """
@@ -124,4 +150,74 @@ def etendue_elsewhere() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empt
     """Stages that other distributions bring: named where a pipeline uses them and they are not installed.
 
     {"my-film-scanner": {"stages": ["scanner_glare"]}}
+    """
+
+
+@hookspec
+def etendue_plots() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Kinds of plots: where ``function(holdings, asked)`` stands, how many variables it takes, what it goes by (``plots.kinds.Kind``).
+
+    It gives a figure of matplotlib. ``held = holdings.find("mean_level")`` is a variable, ``held.values()`` its array over all axes, and
+    ``held.values(asked.cell(held))`` that of the one cell that was asked for; ``asked.figures`` are the names that were given.
+
+    {"rose": {"place": "my_weather.plots:rose", "takes": 1, "uses": ["at"], "doc": "how often the wind blows from where"}}
+    """
+
+
+@hookspec
+def etendue_sections() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """Sections of a page: where ``function(tree)`` stands, and the title. It is given what ``etendue.open_archive`` gives, and gives a list
+    of ``{"paragraph": text}``, ``{"table": {"head": [...], "rows": [[...], ...]}}`` and ``{"picture": bytes of a PNG, "alt": text}``; an
+    empty one where it has nothing to say.
+
+    {"rain": {"place": "my_weather.page:rain", "title": "How much it rained"}}
+    """
+
+
+@hookspec
+def etendue_first() -> Mapping[str, Sequence[str]]:  # type: ignore[empty-body]
+    """What goes first where there is a choice: names of variables under ``map``, ``sheet``, ``glance``, ``headline``, ``curves``,
+    ``picture``; two in a text under ``front``; of axes under ``sides`` and ``along``; of shared quantities under ``quantities``.
+
+    {"map": ["rainfall", "mean_wind"], "front": ["rainfall mean_wind"]}
+    """
+
+
+@hookspec
+def etendue_words() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """What things are called in sentences of plots and pages (``contract.wording.WORDS``).
+
+    {"cell": "forecast", "whole": "model"}
+    """
+
+
+@hookspec
+def etendue_spelling() -> Mapping[str, str]:  # type: ignore[empty-body]
+    """How parts of names are written out on a page; a name that begins with ``_`` is the end of one.
+
+    {"rh": "relative humidity"}
+    """
+
+
+@hookspec
+def etendue_subjects() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """What figures are about, in the order of a page (``contract.wording.Subject``); ``Variable.subject`` names one of them.
+
+    {"rain": {"said": "rainfall", "opens": True}}
+    """
+
+
+@hookspec
+def etendue_examples() -> Mapping[str, Any]:  # type: ignore[empty-body]
+    """What stages are tried with that look at others: under ``datasheet`` a role and figures.
+
+    {"datasheet": {"role": "gauge", "figures": {"offset": 0.1}}}
+    """
+
+
+@hookspec
+def etendue_scales() -> Mapping[str, Mapping[str, Any]]:  # type: ignore[empty-body]
+    """What is said of units beyond their size (``contract.wording.Unit``).
+
+    {"hPa": {"full": 1013.0}}
     """

@@ -14,6 +14,11 @@ from etendue.errors import RequestError
 from etendue.plugins import discovery
 
 
+def shared_out() -> bool:
+    """Whether anybody brings one."""
+    return bool(discovery.installed().names("shares"))
+
+
 def shares_at() -> Callable[..., dict[str, Any]]:
     """``function(folder, at, told)``: the document that reports and budgets show.
 

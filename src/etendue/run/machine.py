@@ -84,7 +84,7 @@ def _way_out(plan: Plan, one: int, room: int) -> str:
     longest = max(plan.axes, key=lambda a: len(a.values), default=None)
     if longest is None or one > room:
         what = f"one cell takes {human_bytes(one)}" if one > room else "nothing is swept"
-        return f"; {what}: take a wider spacing of the scene, a wider bin_width, a smaller window on the sensor, or a shorter 'keep'"
+        return f"; {what}: take a wider spacing of what it begins with, wider bands, a smaller window, or a shorter 'keep'"
     return f"; the axis {longest.key} has {len(longest.values)} values; shorten 'keep' or the sweep"
 
 

@@ -2,7 +2,7 @@
 
 A cell frees what the next one needs again, of the same size. glibc returns large blocks to the system at once, and
 touching fresh pages costs more than filling them: 10 us a page on a virtual machine, 2 ms for the three channels of a
-256 x 256 picture, where demosaicing it takes 0.3 ms. Elsewhere than on glibc nothing happens.
+256 x 256 picture, where a stage may take 0.3 ms. Elsewhere than on glibc nothing happens.
 
 A ``DataTree`` is a circle, which only Python's collector finds. It counts objects: a tree is some thousand of them, whether it holds
 one megabyte or a thousand. So bytes are counted here, and the collector is called when enough of them wait.

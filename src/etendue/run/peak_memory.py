@@ -23,7 +23,7 @@ from etendue.compute.jobs import make_jobs
 from etendue.compute.rows import has_rows
 from etendue.compute.tables import LARGEST_CACHE, LARGEST_PATTERN
 from etendue.contract.capabilities import halo_of, is_random, is_source
-from etendue.contract.stage import arguments_of
+from etendue.contract.stage import patterns_of
 from etendue.plan import cost
 from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
@@ -40,7 +40,7 @@ LARGEST_CHUNK = 64 << 20  # of what is stored so much is packed at once
 SHOWN_WHOLE = 1 << 18  # samples of the coarsest picture that are kept of every one (report.details.BAND)
 SHOWN = 256  # samples on a side up to which a picture is kept whole
 _LOOK = object()  # what is only looked at is made small where it is made, and need not be whole
-Piece = tuple[CellRef, str]  # a variable of a cell, or its spectrum
+Piece = tuple[CellRef, str]  # a variable of a cell, or its transform
 
 
 @dataclass
@@ -307,8 +307,8 @@ class _Run:
         return ref in self.jobs and variable in self.jobs[ref].by_band
 
     def patterns(self, job: Job) -> float:
-        """What belongs to the sensor is remembered."""
-        if "rng_sensor" not in arguments_of(type(job.stage)):
+        """Fixed patterns are remembered."""
+        if not patterns_of(type(job.stage)):
             return 0.0
         size = max(self.size * grid["y"].size * grid["x"].size for grid in job.grids.values() if "y" in grid and "x" in grid)
         return 0.0 if job.walk and size > LARGEST_PATTERN else size
@@ -319,7 +319,7 @@ class _Run:
         return float(max((self.size * g["y"].size * g["x"].size for g in grids if "y" in g and "x" in g), default=0))
 
     def padded(self, job: Job) -> float:
-        """Bytes of a band with its border, about those of its half spectrum."""
+        """Bytes of a band with its border, about those of its half transform."""
         grids = [g for g in job.input_grids.values() if "y" in g and "x" in g]
         return float(max((self.size * padded_size(g["y"].size) * padded_size(g["x"].size) for g in grids), default=0))
 

@@ -1,4 +1,4 @@
-"""What cells of transfer functions hold while they are computed: spectra, tables, planes with their border.
+"""What cells of transfer functions hold while they are computed: transforms, tables, planes with their border.
 
 In:  a ``Job`` of a segment, and the run that it is of.
 Out: bytes of its result by piece, and bytes that come to them for a while.
@@ -18,26 +18,26 @@ ON_CELLS = 0.27  # of a band with its border: the table of a transfer function o
 
 
 def segment_bytes(run: Any, job: Job) -> tuple[dict[Any, float], float]:
-    """What the result of a transfer stage holds, its spectrum under '', and what it works with."""
+    """What the result of a transfer stage holds, its transform under '', and what it works with."""
     segment, wanted = job.segment, bool(job.store or job.deliver)
     assert segment is not None
-    if not (job.spectrum or wanted):
+    if not (job.transform or wanted):
         return {}, 0.0
     (name,) = job.writes
     grid = job.input_grids[job.inputs[0][0]]
     own = {(job.ref, name): run.bytes(job, name)} if wanted and name not in job.by_band else {}
     if grid.line("y").cells or segment.joined is not None:
         return own, _by_band(run, job, grid)
-    spectrum = grid.bands().size * run.padded(job)
-    begun = spectrum if segment.previous is None else 0.0  # planes with their border
+    transform = grid.bands().size * run.padded(job)
+    begun = transform if segment.previous is None else 0.0  # planes with their border
     if isinstance(job.stage, Summed):
         return own, max(begun, 2 * _channels(job) * run.padded(job))
     if job.left_out:
-        return own | ({(job.ref, ""): spectrum} if job.spectrum else {}), begun
-    run.tables += 0.5 * spectrum
-    if job.spectrum:
-        own[job.ref, ""] = spectrum
-    return own, (spectrum if wanted else begun) + (0.0 if job.spectrum else spectrum)
+        return own | ({(job.ref, ""): transform} if job.transform else {}), begun
+    run.tables += 0.5 * transform
+    if job.transform:
+        own[job.ref, ""] = transform
+    return own, (transform if wanted else begun) + (0.0 if job.transform else transform)
 
 
 def _by_band(run: Any, job: Job, grid: Grid) -> float:
@@ -51,11 +51,11 @@ def _by_band(run: Any, job: Job, grid: Grid) -> float:
     if grid.line("y").cells:
         run.tables += ON_CELLS * grid.bands().size * padded
         return float(ahead + (4 + 2 * _channels(job)) * padded)
-    terms, spectra = job.stage.terms(), _channels(job) * job.stage.kept() ** 2 * padded
+    terms, transforms = job.stage.terms(), _channels(job) * job.stage.kept() ** 2 * padded
     if not 0 < terms < grid.bands().size:
-        return float(ahead + 4 * padded + 2 * spectra)
+        return float(ahead + 4 * padded + 2 * transforms)
     gathered = terms * run.plane(job) + max(ahead + (TOGETHER - 1) * run.plane(job), terms * padded)
-    return float(max(gathered, terms * padded + 2 * spectra, 3 * spectra))
+    return float(max(gathered, terms * padded + 2 * transforms, 3 * transforms))
 
 
 def _channels(job: Job) -> float:

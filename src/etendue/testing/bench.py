@@ -21,16 +21,16 @@ from etendue.compute.cell import compute, smallest
 from etendue.compute.job import Job, Looking, Walk
 from etendue.compute.joined.segments import Result
 from etendue.compute.strips import in_strips
-from etendue.contract import quantities
-from etendue.contract.capabilities import Summed, Transfer, is_random, is_source, no_coordinates
+from etendue.contract import dims, quantities, variables, wording
+from etendue.contract.capabilities import Sheet, Summed, Transfer, is_random, is_source, no_coordinates
 from etendue.contract.facts import Facts
 from etendue.contract.grid import RGB, XYZ, Bands, Coordinate, Grid, Labels, Line
 from etendue.contract.ports import CellReport
-from etendue.contract.roles import Sheet
 from etendue.contract.stage import Stage, looks, looks_at_stages, reads_of, writes_of
 from etendue.contract.variables import Declaration
 from etendue.plan.forms import output_grid
 from etendue.plan.model import CellRef
+from etendue.plugins import discovery
 
 Frame = tuple[int, int]
 Arrays = Mapping[str, Any]
@@ -40,17 +40,10 @@ FRAME: Frame = (9, 12)
 SMALL: Frame = (4, 5)
 LARGE: Frame = (119, 160)  # where sums are long enough to lose digits
 ODD_FRAMES: tuple[Frame, ...] = ((1, 1), (1, 7), (6, 1), (2, 2), (7, 5))
-EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # inside every table of silicon, colour and cameras
-SHEET = Sheet("line pattern", {"read_noise": 1.0, "dsnu": 0.5, "prnu": 0.01, "dark_current": 5.0, "dark_spread": 0.5})
-SPACING = 2.0  # um, of the light on the image plane: a few pixels fit into a frame
-FULL_SCALE = {  # of an ordinary exposure, by unit
-    "W m-2 sr-1 nm-1": 0.1,
-    "W m-2 nm-1": 0.01,
-    "electron/s": 1e6,
-    "electron": 1e4,
-    "DN": 4095.0,
-}
-NAMED = ("wavelength", "y", "x", "channel", "component")  # dims with coordinates of their own
+EDGES = (500.0, 520.0, 540.0, 560.0, 580.0, 600.0)  # of bins, where their dim has no example
+PLANE = ("y", "x")
+SPACING = 2.0  # um, of what has bins: a few samples of anything else fit into a frame
+NAMED = (*PLANE, "channel", "component")  # dims with coordinates of their own, beside those of bins
 GUESSED = Labels((0.0, 1.0, 2.0))  # of a dim of which nothing is known
 EXTREMES = ("zeros", "tiny", "huge", "uniform", "point", "hole")
 CLEAR = ("ValueError:", "OverflowError:", "ArithmeticError:")  # what a stage may raise where it cannot compute
@@ -105,18 +98,18 @@ class Trial:
 class _Blur(Transfer):
     """What probes look at: a Gaussian transfer function."""
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any) -> Any:
-        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(wavelength)
+    def transfer(self, fy: Any, fx: Any, band: Any) -> Any:
+        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
 
 class _Sum(Summed):
-    """The same, ending in a sum over wavelength."""
+    """The same, ending in a sum over bands."""
 
-    def transfer(self, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
-        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(wavelength)
+    def transfer(self, fy: Any, fx: Any, band: Any, prepared: Any) -> Any:
+        return np.exp(-4.0 * (fy**2 + fx**2)) * np.ones_like(band)
 
     def prepare(self, coordinates: Any) -> Any:
-        return np.stack([np.linspace(low, 1.0, coordinates["wavelength"].size) for low in (0.1, 0.5, 0.9)])
+        return np.stack([np.linspace(low, 1.0, coordinates[dims.banded(coordinates)].size) for low in (0.1, 0.5, 0.9)])
 
     def weights(self, prepared: Any) -> Any:
         return prepared
@@ -173,17 +166,22 @@ class Bench:
     def coordinate(self, dim: str, declaration: Declaration, frame: Frame) -> Coordinate:
         if dim in self.coordinates:
             return self.coordinates[dim]
-        if dim == "wavelength":
-            return Bands(EDGES)
+        if dims.dim(dim).bins:
+            return Bands(edges_of(dim))
         if dim in ("y", "x"):
             size = frame[0 if dim == "y" else 1]
-            if "wavelength" in declaration.dims or declaration.variable == "*.irradiance":
+            if dims.banded((*declaration.dims, *_usual(declaration))):
                 return Line(size, -0.5 * (size - 1) * SPACING, SPACING)
-            pitch = float(getattr(self.stage, "pixel_pitch", quantities.declared("pixel_pitch").default))
+            pitch = self._spacing(dim)
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB
         return XYZ if dim == "component" else self._made_elsewhere.get(dim, GUESSED)
+
+    def _spacing(self, dim: str) -> float:
+        """The distance of samples along a dim: the quantity that says it, as the stage has it, else by default."""
+        name = dims.dim(dim).spacing
+        return float(getattr(self.stage, name, quantities.declared(name).default)) if name else 1.0
 
     @cached_property
     def _made_elsewhere(self) -> dict[str, Coordinate]:
@@ -196,7 +194,12 @@ class Bench:
         """A hint where the size of a dim that is read is not known from anything."""
         for declaration in self.reads.values():
             for dim in declaration.dims:
-                if dim not in NAMED and self.coordinate(dim, declaration, FRAME) is GUESSED and not self.given_grids:
+                if (
+                    dim not in NAMED
+                    and not dims.dim(dim).bins
+                    and self.coordinate(dim, declaration, FRAME) is GUESSED
+                    and not self.given_grids
+                ):
                     return (
                         f". Of the dim {dim!r} nothing is known, and three entries are tried: where it has others, say so beside "
                         f"'stage' in the test, coordinates = {{{dim!r}: Labels((0.0, 45.0, 90.0, 135.0))}}"
@@ -222,20 +225,20 @@ class Bench:
         grids = {v: output_grid(self.stage, d, declared.get(v), inputs, names) for v, d in self.writes.items()}
         transfers = "transfer" in self.looks.values()
         looking = Looking(
-            ports=looks_at, transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=EDGES,
+            ports=looks_at, transfers=(_Blur(), _Sum() if summed else _Blur()) if transfers else (), bands=edges(),
             channel_weights=_Sum() if summed and transfers else None,
             grids={port: (self.seen_grid(port, frame),) * 2 for port, what in self.looks.items() if not looks_at_stages(what)},
-            sheets=(SHEET, SHEET) if "datasheet" in self.looks.values() else (),
+            sheets=(sheet(),) * 2 if "datasheet" in self.looks.values() else (),
         )  # fmt: skip
         return Job(
             ref=("stage", ()), task="compute", stage=self.stage, writes=self.writes, grids=grids, input_grids=inputs,
-            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, sensor_serial=seed,
+            inputs=tuple((port, (port, ()), d.variable) for port, d in self.reads.items()), left_out=False, seed=seed, pattern_of=seed,
             precision=precision, store=(), deliver=tuple(self.writes), target=None, seconds=0.0, looking=looking if self.looks else None,
         )  # fmt: skip
 
     def scale(self, port: str) -> float:
         declaration = self.reads[port]
-        return self.scales.get(port, FULL_SCALE.get(declaration.unit, 1.0))
+        return self.scales.get(port, wording.units().get(declaration.unit, wording.Unit()).full)
 
     def array(self, port: str, what: str, frame: Frame = FRAME, factor: float = 1.0) -> Any:
         """One input, in double precision: ordinary values, six decades of them, or an extreme."""
@@ -274,7 +277,7 @@ class Bench:
 
     @staticmethod
     def _seen_dims(declaration: Declaration) -> tuple[str, ...]:
-        return declaration.dims or ("wavelength", "y", "x")
+        return declaration.dims or _usual(declaration) or PLANE
 
     def arrays(self, what: str, frame: Frame = FRAME, factor: float = 1.0) -> dict[str, Any]:
         return {port: self.array(port, what, frame, factor) for port in self.reads}
@@ -339,12 +342,33 @@ class Bench:
         return self.stage.error(facts, self.input_grids(frame), precision)[0]  # type: ignore[attr-defined]
 
 
+def _usual(declaration: Declaration) -> tuple[str, ...]:
+    """The dims of every stage that writes what a probe looks at, where it names none and a vocabulary says them."""
+    return () if declaration.dims else tuple(variables.variable(looks(declaration)).dims) if looks(declaration) else ()
+
+
+def edges_of(dim: str) -> tuple[float, ...]:
+    """Edges of bins along a dim, with which stages are tried."""
+    return dims.dim(dim).example or EDGES
+
+
+def edges() -> tuple[float, ...]:
+    """The same of the dim that has bins."""
+    return next((edges_of(dim) for dim in dims.declared_dims() if dims.dim(dim).bins), EDGES)
+
+
+def sheet() -> Sheet:
+    """Figures of a stage, as those are given that look at data sheets."""
+    brought = discovery.installed().first("examples", "datasheet")
+    return Sheet(str(brought.value["role"]), dict(brought.value["figures"])) if brought else Sheet("", {})
+
+
 def digests(arrays: Arrays) -> dict[str, str]:
     return {name: hashlib.sha256(f"{a.dtype}{a.shape}".encode() + a.tobytes()).hexdigest() for name, a in arrays.items()}
 
 
 def facts_of(array: Any, dims: tuple[str, ...]) -> Facts:
-    """Facts of an array: uniform and contrast over positions, at every wavelength and channel."""
+    """Facts of an array: uniform and contrast over positions, at every band and channel."""
     array = np.asarray(array, dtype=float)
     places = tuple(i for i, dim in enumerate(dims) if dim in ("y", "x"))
     if not array.size:

@@ -4,7 +4,7 @@ In:  a class of stages.
 Out: ``Case`` values: a name, and the instance, or the words in which it was refused.
 
 Ordinary values are the defaults, or the ``example`` of a parameter that has none or a dear one. Ends are those which the plan allows
-(``at_least``, ``held``, ...): just inside where they are open, numbers that no camera has where there are none, zero and infinity where
+(``at_least``, ``held``, ...): just inside where they are open, numbers that nobody needs where there are none, zero and infinity where
 they are allowed. Whole numbers without a near upper end, and knobs of fidelity, are work and no physics: they are taken to their
 cheap end alone. The interior is a Sobol sequence, logarithmic over decades, the same in every run.
 """
@@ -22,7 +22,7 @@ from etendue.contract.stage import Stage, parameters_of
 from etendue.plan.parameters import LARGEST, SMALLEST, Unfit, resolve_file
 
 ORDINARY, END, CORNER, INSIDE = "ordinary", "end", "corner", "inside"
-BEYOND = (1e6, 1e30)  # where a range has no end: beyond every camera, and the largest number that a pipeline may hold
+BEYOND = (1e6, 1e30)  # where a range has no end: beyond all that is built, and the largest number that a pipeline may hold
 NUDGE = 1e-12  # of an open end: what stands just inside it
 WORK = 8  # times its ordinary value: as far as a whole number is taken that has no end near it
 DECADES = 20.0  # a range whose ends are further apart is drawn from by its logarithm

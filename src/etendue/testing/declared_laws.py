@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.roles import Noisy
+from etendue.contract import wording
+from etendue.contract.capabilities import Noisy
 from etendue.testing.bench import LARGE, SMALL, Bench, full_scale
 from etendue.testing.checks import bound_of
 from etendue.testing.digits import UNSTATED
@@ -105,17 +106,24 @@ def variance_told(bench: Bench) -> None:
         check_variance(bench, np.array(given), np.array(found), bench.writes[main].unit, bool(stage.by_line))
 
 
+def _is_counted(unit: str) -> bool:
+    """Whether noise says its variance in the square of a unit."""
+    return unit in wording.units() and wording.units()[unit].noise
+
+
 def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: bool) -> None:
     stage: Any = bench.stage
+    name, said = next(((own, one.said) for own, one in wording.units().items() if one.noise), (unit, unit))
     slope = float(np.cov(given.ravel(), found.ravel())[0, 1] / given.var())
     if slope <= 0 or not math.isfinite(slope) or (bench.writes[next(iter(bench.writes))].dtype != "float" and np.unique(found).size < 16):
         return  # clipped, or a step wider than what varies: rounding is no noise there
     apart = found - slope * given
-    charge = float((found if unit == "electron" else given).mean())
+    counted = _is_counted(unit)
+    charge = float((found if counted else given).mean())
     told = float(stage.variance(charge))
     hold(math.isfinite(told) and told >= 0, f"{bench.name}.variance({charge:g}) is {told:g}")
     apart = apart - apart.mean()
-    measured = float((apart**2).mean()) / (1.0 if unit == "electron" else slope**2)
+    measured = float((apart**2).mean()) / (1.0 if counted else slope**2)
     kurtosis = max(3.0, float((apart**4).mean() / max((apart**2).mean() ** 2, 1e-300)))
     count = apart.size / (min(apart.shape[-2:]) if by_line else 1)
     allowed = SIGMAS * math.sqrt((kurtosis - 1) / count) + 0.01
@@ -123,7 +131,7 @@ def check_variance(bench: Bench, given: Any, found: Any, unit: str, by_line: boo
     off = 0.0 if silent else ratio_of(abs(measured - told), told)
     within(
         off, allowed,
-        f"{bench.name}.variance says {told:.4g} electron2 at {charge:.4g} electrons, but what it draws has {measured:.4g}; "
+        f"{bench.name}.variance says {told:.4g} {name}2 at {charge:.4g} {said}, but what it draws has {measured:.4g}; "
         f"allowed is {100 * allowed:.2g} % apart",
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ import numpy as np
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, is_random
 from etendue.plan.parameters import SMALLEST
-from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, full_scale, largest_difference
+from etendue.testing.bench import FRAME, LARGE, Bench, Frame, Trial, edges, full_scale, largest_difference
 from etendue.testing.checks import bound_of
 from etendue.testing.measured import ratio_of, within
 
@@ -124,13 +124,13 @@ def transfer_digits(bench: Bench) -> None:
     grids = bench.input_grids()
     prepared = prepared_of(stage, grids, bench.job().grids)
     last = [] if prepared is None else [prepared]
-    edges = np.array([500.0, 520.0, 540.0, 560.0, 580.0, 600.0])
-    wavelength = (0.5e-3 * (edges[:-1] + edges[1:]))[:, None, None]
+    bands = np.array(edges())
+    middle = (0.5e-3 * (bands[:-1] + bands[1:]))[:, None, None]
 
     def planes(frequency: Any, precision: Any) -> Any:
         fx, fy = frequency.astype(precision)[None, :], np.zeros((1, 1), precision)
         with np.errstate(all="ignore"):
-            return np.asarray(stage.transfer(fy, fx, wavelength.astype(precision), *last))
+            return np.asarray(stage.transfer(fy, fx, middle.astype(precision), *last))
 
     frequency = np.geomspace(1e-6, 1e3, FREQUENCIES)
     bound = max(UNSTATED["float64"], min(ANY, bound_of(bench, bench.arrays("ordinary"), "float64")))

@@ -1,4 +1,4 @@
-"""What is measured of a transfer function: mean, symmetry, height, and that a wavelength alone is that wavelength among others.
+"""What is measured of a transfer function: mean, symmetry, height, and that a band alone is that band among others.
 
 In:  a ``Bench`` whose stage has ``transfer``.
 Out: nothing, or ``LawBroken``.
@@ -10,7 +10,7 @@ import numpy as np
 
 from etendue.compute.tables import prepared_of
 from etendue.contract.capabilities import Transfer, ends_in_sum
-from etendue.testing.bench import EDGES, Bench
+from etendue.testing.bench import Bench, edges
 from etendue.testing.measured import hold, within
 from etendue.transfer.products import Product
 
@@ -20,7 +20,8 @@ def check_transfer(bench: Bench) -> None:
     grids = bench.input_grids()
     assert isinstance(bench.stage, Transfer)
     prepared = prepared_of(bench.stage, grids, bench.job().grids)
-    product = Product((bench.stage,), EDGES, lambda *_: prepared)
+    bands = edges()
+    product = Product((bench.stage,), bands, lambda *_: prepared)
     axis = np.array([-0.7, -0.31, -0.05, 0.0, 0.05, 0.31, 0.7])
     with np.errstate(all="ignore"):
         value = product.at(axis[:, None], axis[None, :])
@@ -29,8 +30,11 @@ def check_transfer(bench: Bench) -> None:
     bad = ~np.isfinite(whole).reshape(-1, line.size).all(axis=0)
     at = float(line[int(bad.argmax())])
     hold(not bad.any(), f"{bench.name}.transfer is not finite at {at:.4g} um-1: overflow, or a nought over a nought")
-    hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (wavelength, y, x)")
-    hold(value.ndim == 2 or value.shape[0] in (1, len(EDGES) - 1), f"{bench.name}.transfer has {value.shape[0]} planes for 5 bands")
+    hold(value.shape[-2:] == (7, 7) and value.ndim in (2, 3), f"{bench.name}.transfer has shape {value.shape}, not (band, y, x)")
+    hold(
+        value.ndim == 2 or value.shape[0] in (1, len(bands) - 1),
+        f"{bench.name}.transfer has {value.shape[0]} planes for {len(bands) - 1} bands",
+    )
     hold(bool(np.isfinite(value).all()), f"{bench.name}.transfer is not finite")
     centre = np.abs(value[..., 3, 3] - 1).max()
     within(centre, 1e-12, f"{bench.name}.transfer is 1 {'+-'} {centre:.2g} at zero frequency: it makes or loses light")
@@ -42,19 +46,20 @@ def check_transfer(bench: Bench) -> None:
     within(highest, limit * (1 + 1e-9), f"|{bench.name}.transfer| reaches {highest:.6g}; declare a gain if it may amplify")
     if ends_in_sum(bench.kind):
         weights = np.asarray(bench.stage.weights(prepared))  # type: ignore[attr-defined]
-        right = weights.ndim == 2 and weights.shape[1] == len(EDGES) - 1 and bool(np.isfinite(weights).all())
-        hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(EDGES) - 1}), or is not finite")
+        right = weights.ndim == 2 and weights.shape[1] == len(bands) - 1 and bool(np.isfinite(weights).all())
+        hold(right, f"{bench.name}.weights has shape {weights.shape}, not (channel, {len(bands) - 1}), or is not finite")
 
 
-def check_single_wavelengths(bench: Bench) -> None:
-    """The value at one wavelength is the value at that wavelength among others."""
+def check_single_bands(bench: Bench) -> None:
+    """The value at one band is the value at that band among others."""
     grids = bench.input_grids()
     prepared = prepared_of(bench.stage, grids, bench.job().grids)
     given = [np.linspace(-0.6, 0.6, 5)[:, None], np.linspace(-0.4, 0.9, 6)[None, :]]
-    wavelength = 0.5e-3 * (np.array(EDGES[:-1]) + np.array(EDGES[1:]))[:, None, None]
+    bands = edges()
+    middle = 0.5e-3 * (np.array(bands[:-1]) + np.array(bands[1:]))[:, None, None]
     last = [] if prepared is None else [prepared]
-    whole = np.asarray(bench.stage.transfer(*given, wavelength, *last))  # type: ignore[attr-defined]
-    one = np.asarray(bench.stage.transfer(*given, wavelength[2:3], *last))  # type: ignore[attr-defined]
+    whole = np.asarray(bench.stage.transfer(*given, middle, *last))  # type: ignore[attr-defined]
+    one = np.asarray(bench.stage.transfer(*given, middle[2:3], *last))  # type: ignore[attr-defined]
     wanted = whole[2] if whole.ndim == 3 and whole.shape[0] > 1 else whole.reshape(one.shape[-2:])
     apart = np.abs(one.reshape(wanted.shape) - wanted).max()
-    within(apart, 1e-12, f"{bench.name}.transfer at one wavelength is {apart:.2g} from its value among others")
+    within(apart, 1e-12, f"{bench.name}.transfer at one band is {apart:.2g} from its value among others")

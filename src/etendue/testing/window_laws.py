@@ -1,7 +1,7 @@
-"""The law of windows of a sensor: what a stage gives of a window is the window of what it gives of the whole.
+"""The law of windows: what a stage gives of a window is the window of what it gives of the whole.
 
 In:  an instance of a stage.
-Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, and not where the sensor does.
+Out: nothing, or a broken law: a mask, a pattern or a shading that begins where the window does, and not where the whole does.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from typing import Any
 import numpy as np
 
 from etendue.compute.rows import has_rows
-from etendue.contract import quantities, seen
+from etendue.contract import dims, quantities, seen, variables
 from etendue.contract.capabilities import draws_anew, halo_of, is_transfer
 from etendue.contract.grid import Coordinate, Line
 from etendue.contract.seen import Pattern
 from etendue.contract.variables import Declaration
+from etendue.plugins import discovery
 from etendue.testing.bench import Bench, Frame, full_scale
 from etendue.testing.measured import hold, ratio_of, within
 
 FIRST: tuple[Frame, ...] = ((1, 0), (0, 1), (1, 1))  # pixels at which windows begin
 AT_LEAST = 12  # pixels of a window, down and across
+PLAIN = Pattern(("ab", "bc"), {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)})  # where nobody says any
 COLOURS = (0.8, 0.35, 0.1, 0.6, 0.2, 0.5)  # of the channels of a mask
 EVEN = 0.02  # of full scale: of even colours a method invents nothing, and another channel is ten times as far
 SAME = 1e-9  # of full scale: the same arithmetic on the same values
@@ -33,7 +35,7 @@ class WindowLaws:
 
     bench: Bench
 
-    def test_a_window_of_the_sensor_is_read_where_it_stands(self) -> None:
+    def test_a_window_of_the_whole_is_read_where_it_stands(self) -> None:
         """From odd rows and columns on: of even colours, and of any picture where the stage says how far it reaches."""
         bench = self.bench
         if bench.given_grids or is_transfer(bench.kind) or draws_anew(bench.kind) or not _pixel_by_pixel(bench):
@@ -55,8 +57,8 @@ class WindowLaws:
                         off = _off(found.arrays[variable], expected, halo if what == "a picture" else None)
                         within(
                             off, EVEN if what == "even colours" else SAME,
-                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale off that of the whole sensor; "
-                            "masks and patterns begin where the sensor does: ask for y and x in run, y[0] and x[0] are the window's first "
+                            f"{bench.name}: {variable} of {where}, of {what}, is {off:.2g} of full scale off that of the whole; "
+                            "masks and patterns begin where the whole does: ask for y and x in run, y[0] and x[0] are the window's first "
                             "row and column",
                         )  # fmt: skip
 
@@ -73,7 +75,7 @@ def _off(found: Any, expected: Any, halo: int | None) -> float:
 
 
 class _Window(Bench):
-    """A bench that reads some rows and columns of a larger sensor."""
+    """A bench that reads some rows and columns of a larger frame."""
 
     def __init__(self, bench: Bench, first: Frame, whole: Frame) -> None:
         super().__init__(bench.stage, None, bench.scales)
@@ -90,8 +92,8 @@ class _Window(Bench):
 
 
 def _pixel_by_pixel(bench: Bench) -> bool:
-    """Whether a stage writes frames of the pixels that it reads: light has bands, and is never cut as a sensor's rows are."""
-    if any("wavelength" in declaration.dims for declaration in bench.reads.values()):
+    """Whether a stage writes frames of the pixels that it reads: what has bands is never cut as rows are."""
+    if any(dims.banded(declaration.dims) for declaration in bench.reads.values()):
         return False
     read = [bench.input_grids()[port] for port, d in bench.reads.items() if has_rows(d.dims)]
     grids = bench.job().grids
@@ -101,11 +103,15 @@ def _pixel_by_pixel(bench: Bench) -> bool:
 
 
 def _pattern(bench: Bench) -> Pattern:
-    return seen.pattern(str(getattr(bench.stage, "pattern", quantities.declared("pattern").default)))
+    """That of the stage, by the quantity of which its variables say that it is theirs; else by that of any variable; else a plain one."""
+    own = (d.variable for d in (*bench.reads.values(), *bench.writes.values()))
+    every = itertools.chain(own, discovery.installed().names("variables"))
+    name = next((found for one in every if (found := variables.variable(one).pattern)), "")
+    return seen.pattern(str(getattr(bench.stage, name, quantities.declared(name).default))) if name else PLAIN
 
 
 def _array(bench: Bench, port: str, what: str, pattern: Pattern, frame: Frame) -> Any:
-    """An input of the whole sensor; of even colours a mosaic has that of its mask at every pixel, and a plane one of its own."""
+    """An input of the whole; of even colours a frame has that of its mask at every pixel, and a plane of several one of its own."""
     declaration = bench.reads[port]
     if what == "a picture" or not has_rows(declaration.dims):
         return bench.array(port, "ordinary", frame)

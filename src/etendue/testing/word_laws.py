@@ -26,8 +26,6 @@ from etendue.testing.bench import FRAME, ODD_FRAMES, Bench, LawBroken
 from etendue.testing.checks import check_parameter
 from etendue.testing.measured import hold
 
-BELOW_ZERO = ("mosaic_linear", "rgb_camera", "xyz_scene", "rgb_linear")  # what every camera with noise makes negative about black
-
 
 class WordLaws:
     """Mixed into ``StageConformance``."""
@@ -119,13 +117,13 @@ class WordLaws:
             hold(all(isinstance(g, Grid) for g in first.values()), f"{stage!r}.grid gives something that is no Grid")
 
     def test_noise_about_black_is_met_with_a_word_of_its_own(self) -> None:
-        """Behind the converter values below 0 are ordinary: who refuses them says so, and does not by having said nothing."""
+        """Where noise takes values below 0 they are ordinary: who refuses them says so, and does not by having said nothing."""
         kind = type(self.stage)
         own = next(base for base in kind.__mro__ if "negative" in vars(base))
         for port, declaration in reads_of(kind).items() if own is Stage else ():
             hold(
-                declaration.variable not in BELOW_ZERO,
-                f"{kind.__name__} says nothing of negative values, and refuses those of {port}, which every camera with noise has: a run "
+                not variables.variable(declaration.variable).below_zero,
+                f"{kind.__name__} says nothing of negative values, and refuses those of {port}, which noise takes there: a run "
                 "and compare fail on them; declare negative = 'keep' or 'clip', or negative = 'error' if that is meant",
             )
 

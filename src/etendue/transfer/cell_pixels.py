@@ -1,8 +1,8 @@
 """Pixels anywhere on blurred cells: an extended matrix Fourier transform, and what a pixel's window is.
 
-In:  half spectra of cell means, transfer functions at any frequency (cycles/um), places and widths of apertures.
-Out: (channel, y, x) values of the apertures, summed over wavelength.
-Sources: as ``cells``. The light is boxes side by side: its spectrum is that of its means, repeated without end, times sinc.
+In:  half transforms of cell means, transfer functions at any frequency (cycles/um), places and widths of windows.
+Out: (channel, y, x) values of the windows, summed over bands.
+Sources: as ``cells``. The light is boxes side by side: its transform is that of its means, repeated without end, times sinc.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ def evaluated(
     otfs: list[Transfer],
     reaches: list[Reach],
     weights: FloatArray,
-    spectra: Array,
+    transforms: Array,
     y: Axis,
     x: Axis,
     centres: tuple[FloatArray, FloatArray],
     widths: tuple[float, float],
 ) -> FloatArray:
-    """Apertures anywhere on blurred cells, summed over wavelength: an extended matrix Fourier transform.
+    """Windows anywhere on blurred cells, summed over bands: an extended matrix Fourier transform.
 
     Parameters
     ----------
     otfs, reaches : of every band
-    weights : (channel, wavelength) array
-    spectra : (wavelength, y.size, x.size // 2 + 1) complex array
-        Half spectra of cell means.
+    weights : (channel, band) array
+    transforms : (band, y.size, x.size // 2 + 1) complex array
+        Half transforms of cell means.
     y, x : Axis
     centres : (n,), (m,) arrays, cells
-        Of the apertures along y and x; 0 is the centre of cell 0.
+        Of the windows along y and x; 0 is the centre of cell 0.
     widths : two floats, um
 
     Returns
@@ -45,17 +45,17 @@ def evaluated(
     Every frequency at which a band's transfer function lives is evaluated, whatever the size of a cell; what is
     not blurred at all (``rest``) comes from exact areas. Error: as ``folded``.
     """
-    kind = spectra.real.dtype
+    kind = transforms.real.dtype
     channels = len(weights)
     total = np.zeros((channels, centres[0].size, centres[1].size), dtype=kind)
     rests = weights * np.array([0.0 if reach.by_axis else reach.rest for reach in reaches])
     for band, (otf, reach) in enumerate(zip(otfs, reaches, strict=True)):
         if reach.by_axis:
-            plane = planes_of(spectra[band], y, x)
+            plane = planes_of(transforms[band], y, x)
             down, across = _factors(otf, y, x, centres, widths)
             total += weights[:, band, None, None].astype(kind) * (down.astype(kind) @ plane @ across.T.astype(kind))
     if rests.any():
-        summed = np.tensordot(rests.astype(kind), spectra, axes=1)
+        summed = np.tensordot(rests.astype(kind), transforms, axes=1)
         planes = planes_of(summed, y, x)
         shares = [overlaps(c, w / a.step, a.size).astype(kind) for c, w, a in zip(centres, widths, (y, x), strict=True)]
         total += shares[0] @ planes @ shares[1].T
@@ -64,16 +64,16 @@ def evaluated(
         return total
     waves_x = _waves(np.arange(int(np.ceil(widest * x.size * x.step)) + 1), x, centres[1], widths[1])
     waves_x[1:] *= 2.0  # the frequencies left of zero are the conjugate
-    waves_x = waves_x.astype(spectra.dtype)
+    waves_x = waves_x.astype(transforms.dtype)
     last = int(np.ceil(widest * y.size * y.step))
     start = 0
     while start <= last:
         rows = max(1, BLOCK // (2 * channels * len(waves_x)))
         k = np.arange(start, min(start + rows, last + 1))
-        sums = np.zeros((2, channels, k.size, len(waves_x)), dtype=spectra.dtype)
+        sums = np.zeros((2, channels, k.size, len(waves_x)), dtype=transforms.dtype)
         for band, (otf, reach) in enumerate(zip(otfs, reaches, strict=True)):
-            _add_band(sums, otf, reach, weights[:, band], spectra[band], y, x, k)
-        waves_y = _waves(k, y, centres[0], widths[0]).astype(spectra.dtype)
+            _add_band(sums, otf, reach, weights[:, band], transforms[band], y, x, k)
+        waves_y = _waves(k, y, centres[0], widths[0]).astype(transforms.dtype)
         ahead, behind = sums @ waves_x
         behind[:, k == 0] = 0
         total += (waves_y.T @ ahead + np.conj(waves_y).T @ behind).real
@@ -81,8 +81,8 @@ def evaluated(
     return total
 
 
-def _add_band(sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, spectrum: Array, y: Axis, x: Axis, k: Array) -> None:
-    """Add one band's spectrum on the extended lattice, rows k and -k, to the sums of the channels."""
+def _add_band(sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, transform: Array, y: Axis, x: Axis, k: Array) -> None:
+    """Add one band's transform on the extended lattice, rows k and -k, to the sums of the channels."""
     length = y.size * y.step
     inside = k[k <= np.ceil(reach.radius * length)]
     if not reach.radius or not inside.size or reach.by_axis:
@@ -96,14 +96,14 @@ def _add_band(sums: Array, otf: Transfer, reach: Reach, weights: FloatArray, spe
         if sign == 1 or not reach.even:
             value = np.broadcast_to(otf(sign * fy, fx), shape) - reach.rest
             value = np.real(value) if reach.even else value
-        extended = value * _periodic(spectrum, sign * inside, columns, y.size, x.size)
+        extended = value * _periodic(transform, sign * inside, columns, y.size, x.size)
         for channel, weight in enumerate(weights):
             if weight:
                 target[channel, : inside.size, : columns.size] += weight * extended
 
 
 def _factors(otf: Transfer, y: Axis, x: Axis, centres: tuple[FloatArray, FloatArray], widths: tuple[float, float]) -> tuple[Array, Array]:
-    """Matrices that take cells to apertures along y and x, for a separable transfer function."""
+    """Matrices that take cells to windows along y and x, for a separable transfer function."""
     found = []
     for factor, axis, at, width in zip(factors_of(otf), (y, x), centres, widths, strict=True):
         values, rest = far_line(factor, axis)
@@ -114,25 +114,25 @@ def _factors(otf: Transfer, y: Axis, x: Axis, centres: tuple[FloatArray, FloatAr
     return found[0], found[1]
 
 
-def _periodic(spectrum: Array, rows: Array, columns: Array, ny: int, nx: int) -> Array:
-    """The spectrum of cells at any frequency index: periodic, the left half the conjugate of the right."""
+def _periodic(transform: Array, rows: Array, columns: Array, ny: int, nx: int) -> Array:
+    """The transform of cells at any frequency index: periodic, the left half the conjugate of the right."""
     k = columns % nx
     mirrored = k > nx // 2
-    found = spectrum[np.ix_(rows % ny, np.where(mirrored, nx - k, k))]
+    found = transform[np.ix_(rows % ny, np.where(mirrored, nx - k, k))]
     if mirrored.any():
-        other = spectrum[np.ix_(-rows % ny, (nx - k)[mirrored])]
+        other = transform[np.ix_(-rows % ny, (nx - k)[mirrored])]
         found[:, mirrored] = np.conj(other)
     return found
 
 
 def _waves(k: Array, axis: Axis, centres: FloatArray, width: float) -> Array:
-    """(frequency, position): the wave at each position, behind the sincs of cell and aperture, over the axis' size."""
+    """(frequency, position): the wave at each position, behind the sincs of cell and window, over the axis' size."""
     factors = np.sinc(k / axis.size) * np.sinc(k * (width / (axis.size * axis.step))) / axis.size
     turns = (k[:, None] * centres[None, :]) / axis.size
     return factors[:, None] * np.exp(2j * np.pi * (turns - np.rint(turns)))
 
 
-# -- what an aperture is -----------------------------------------------------------------------------------
+# -- what an window is -----------------------------------------------------------------------------------
 
 
 def box_of(otf: Transfer, pitch: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
@@ -140,7 +140,7 @@ def box_of(otf: Transfer, pitch: float) -> tuple[tuple[float, float], tuple[floa
 
     Parameters
     ----------
-    otf : transfer function of the aperture
+    otf : transfer function of the window
     pitch : float, um
         No smaller than the window.
 

@@ -1,14 +1,14 @@
 """Light as means over grid cells, behind transfer functions and on pixels: flux exact, nothing negative, at any sampling.
 
-In:  transfer functions H at any frequency (cycles/um), periodic axes of cells (padded size, um), apertures (um).
-Out: tables that multiply the spectrum of cell means, and pixel values at any separable set of positions.
+In:  transfer functions H at any frequency (cycles/um), periodic axes of cells (padded size, um), windows (um).
+Out: tables that multiply the transform of cell means, and pixel values at any separable set of positions.
 Sources: the discrete Fourier transform; Poisson's summation formula.
 
 In `cells` the light is constant within each cell. Behind a blur h its mean over cell i is the sum of c_j times the share
 of cell j's light that falls on cell i, (box * h * box)(x_i - x_j)/D^2. That share is never negative where h is none, and
 all shares of a cell add up to one. Its transfer function on the cells is the sum over all aliases m of
 H(f + m/D) sinc^2(D f + m), along both axes: what the grid cannot resolve is folded, never cut off. A pixel value is the
-same sum with sinc(D f + m) A(f + m/D) for one of the sincs: the cell's sinc once, the pixel's aperture A once.
+same sum with sinc(D f + m) A(f + m/D) for one of the sincs: the cell's sinc once, the pixel's window A once.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def reach_of(otf: Transfer, step: float) -> Reach:
 
     Parameters
     ----------
-    otf : transfer function of one wavelength; exactly 1 at zero
+    otf : transfer function of one band; exactly 1 at zero
     step : float, um
         The smaller side of a cell.
 
@@ -115,13 +115,13 @@ def mean_rule(axis: Axis, half: bool) -> Rule:
     return Rule(lambda k: np.sinc(k / axis.size) ** 2, np.ones(size))
 
 
-def aperture_rule(axis: Axis, width: float, offset: float, half: bool) -> Rule:
-    """Means over apertures of what comes from cells.
+def window_rule(axis: Axis, width: float, offset: float, half: bool) -> Rule:
+    """Means over windows of what comes from cells.
 
     Parameters
     ----------
     width : float, um, 0 or above
-        Of the aperture.
+        Of the window.
     offset : float, cells
         Of its centre from the centre of the cell whose place it takes.
     """
@@ -139,12 +139,12 @@ def aperture_rule(axis: Axis, width: float, offset: float, half: bool) -> Rule:
 
 
 def overlaps(centres: FloatArray, width: float, size: int) -> FloatArray:
-    """Share of each aperture that lies on each cell of a periodic axis.
+    """Share of each window that lies on each cell of a periodic axis.
 
     Parameters
     ----------
     centres : (n,) array, cells
-        Of the apertures; 0 is the centre of cell 0.
+        Of the windows; 0 is the centre of cell 0.
     width : float, cells, from 0 (a point) to ``size``
     size : int
 
@@ -179,7 +179,7 @@ def folded(otf: Transfer, reach: Reach, y: Axis, x: Axis, along_y: Rule, along_x
 
     Parameters
     ----------
-    otf : transfer function of one wavelength
+    otf : transfer function of one band
     reach : from ``reach_of``
     y, x : Axis
     along_y, along_x : Rule
@@ -188,7 +188,7 @@ def folded(otf: Transfer, reach: Reach, y: Axis, x: Axis, along_y: Rule, along_x
     Returns
     -------
     (y.size, x.size // 2 + 1) array, real or complex
-        Multiplies the half spectrum of cell means.
+        Multiplies the half transform of cell means.
 
     Notes
     -----
@@ -293,6 +293,6 @@ def far_line(otf: Callable[[FloatArray], Array], axis: Axis) -> tuple[Array, flo
     return values, 0.0 if ended else float(values[-axis.size :].mean())
 
 
-def planes_of(half_spectrum: Array, y: Axis, x: Axis) -> FloatArray:
-    """All cells of the periodic plane with this half spectrum, (..., y.size, x.size)."""
-    return scipy.fft.irfft2(half_spectrum, s=(y.size, x.size), workers=1)
+def planes_of(half_transform: Array, y: Axis, x: Axis) -> FloatArray:
+    """All cells of the periodic plane with this half transform, (..., y.size, x.size)."""
+    return scipy.fft.irfft2(half_transform, s=(y.size, x.size), workers=1)

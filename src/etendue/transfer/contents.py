@@ -1,7 +1,7 @@
 """What a scene's light holds, looked at before anything is planned: one transform of every band.
 
 In:  a source and the grid of what it writes.
-Out: a ``Spectrum``, every figure rounded up to three digits.
+Out: a ``Content``, every figure rounded up to three digits.
 """
 
 from __future__ import annotations
@@ -13,26 +13,27 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.bounds import MOST_VALUES
-from etendue.contract.capabilities import Banded, Source
+from etendue.contract.capabilities import Banded, Source, is_random
 from etendue.contract.coordinates import coordinates_of
-from etendue.contract.facts import Spectrum
+from etendue.contract.dims import is_light
+from etendue.contract.facts import Content
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, arguments_of, writes_of
 from etendue.errors import EtendueError
 from etendue.process import unwarned
 from etendue.telling import foreign
-from etendue.transfer import rings as scene_spectrum
+from etendue.transfer import rings as scene_rings
 
 LARGEST = 1 << 25  # values that are looked at; of more, some bands stand for their neighbours
 AT_ONCE = 1 << 24  # values that are made together: of one band, or of all where the source makes no single ones
 
 
 def light_of(source: type[Source]) -> str | None:
-    """The variable of a source that is light by wavelength and place; None where there is none."""
-    return next((d.variable for d in writes_of(source).values() if set(d.dims) == {"wavelength", "y", "x"}), None)
+    """The variable of a source that is light by band and place; None where there is none."""
+    return next((d.variable for d in writes_of(source).values() if len(d.dims) == 3 and is_light(d.dims)), None)
 
 
-def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
+def content_of(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     """Of the light of a scene; None where that is no samples of band-limited light, where the scene draws random numbers, where it is too
     large to be looked at (17 million samples a band), and where it cannot be made: the run says why."""
     try:
@@ -42,16 +43,16 @@ def spectrum_of(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
         return None
 
 
-def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
+def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Content | None:
     variable = light_of(type(source))
-    if variable is None or {"rng", "rng_sensor"} & set(arguments_of(type(source))):
+    if variable is None or is_random(type(source)):
         return None
     grid = grids[variable]
     y, x = grid.line("y"), grid.line("x")
     together = y.size * x.size if isinstance(source, Banded) else grid.count
     if y.cells or x.cells or together > AT_ONCE or grid.count > MOST_VALUES:
         return None
-    edges = scene_spectrum.ring_edges(y.size, x.size, y.step, x.step)
+    edges = scene_rings.ring_edges(y.size, x.size, y.step, x.step)
     rows: list[Any] = []
     for planes in _planes(source, grids, variable):
         if not isinstance(planes, np.ndarray) or planes.dtype.kind != "f" or planes.shape[1:] != (y.size, x.size):
@@ -60,14 +61,14 @@ def _looked_at(source: Source, grids: Mapping[str, Grid]) -> Spectrum | None:
             low, high, mean = float(plane.min()), float(plane.max()), float(plane.mean(dtype=np.float64))
             if not math.isfinite(low + high):
                 return None
-            sums = scene_spectrum.ring_sums(np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges)
+            sums = scene_rings.ring_sums(np.asarray(plane, dtype=np.float32) / np.float32(high or 1.0), y.step, x.step, edges)
             rows.append((low, mean, high, sums[0] * high**2, sums[1] * abs(high)))
     full = max(max(abs(row[0]), abs(row[2])) for row in rows)
     if full == 0:
         full, rows = 0.0, [(0.0, 0.0, 0.0, 0 * row[3], 0 * row[4]) for row in rows]
     own = full or 1.0
     every = _spread(rows, grid.bands().size)
-    return Spectrum(
+    return Content(
         _up(full), tuple(map(float, edges)), tuple(tuple(_up(v / own**2) for v in row[3]) for row in every),
         tuple(tuple(_up(v / own) for v in row[4]) for row in every), tuple(-_up(-row[0] / own) for row in every),
         tuple(_up(row[1] / own) for row in every), tuple(_up(row[2] / own) for row in every),

@@ -1,6 +1,6 @@
 """What a blur does to light of which is known what it holds: sums over rings of radial frequency.
 
-In:  transfer stages, wavelength bins, the ``Spectrum`` of what they read.
+In:  transfer stages, edges of bands, the ``Content`` of what they read.
 Out: how much leaving them out changes, rms over the frame and at the largest pixel, and what they leave for the next.
 """
 
@@ -12,40 +12,40 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.capabilities import Transfer
-from etendue.contract.facts import Spectrum
+from etendue.contract.facts import Content
 from etendue.contract.stage import state_of
-from etendue.transfer import rings as scene_spectrum
+from etendue.transfer import rings as scene_rings
 from etendue.transfer.products import Product, alone
 
 DIRECTIONS = 8  # over a half turn, in which a transfer function that is not radial is asked
 
 
-def change(stage: Transfer, edges: tuple[float, ...], spectrum: Spectrum, norm: str) -> float:
+def change(stage: Transfer, edges: tuple[float, ...], content: Content, norm: str) -> float:
     """How far light without this stage lies from light behind it, relative to its full scale.
 
     Parameters
     ----------
     stage : Transfer
-    edges : wavelength bins, nm
-    spectrum : Spectrum
+    edges : of the bands
+    content : Content
         Of what it reads.
     norm : 'rms' or 'max'
         Over frame and bands, or of the largest value: sums of power (Parseval), or of amplitude.
     """
-    factors = _rings(stage, edges, spectrum.edges)[0]
+    factors = _rings(stage, edges, content.edges)[0]
     if norm == "max":
-        return scene_spectrum.largest_of(factors, np.array(spectrum.amplitude))
-    return scene_spectrum.rms_of(factors, np.array(spectrum.power))
+        return scene_rings.largest_of(factors, np.array(content.amplitude))
+    return scene_rings.rms_of(factors, np.array(content.power))
 
 
-def behind(stage: Transfer, edges: tuple[float, ...], spectrum: Spectrum) -> Spectrum:
+def behind(stage: Transfer, edges: tuple[float, ...], content: Content) -> Content:
     """What is left of the light behind a stage."""
-    passed = _rings(stage, edges, spectrum.edges)[1]
-    return spectrum.filtered(tuple(tuple(map(float, row)) for row in passed))
+    passed = _rings(stage, edges, content.edges)[1]
+    return content.filtered(tuple(tuple(map(float, row)) for row in passed))
 
 
 def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], frequency: Any) -> Any:
-    """(direction, wavelength, n): the product of transfer functions along rays; one direction where all of them are radial."""
+    """(direction, band, n): the product of transfer functions along rays; one direction where all of them are radial."""
     points = tuple(map(float, frequency))
     found: Any = np.ones((1, len(edges) - 1, len(points)))
     for stage in stages:
@@ -55,7 +55,7 @@ def in_directions(stages: tuple[Transfer, ...], edges: tuple[float, ...], freque
 
 @lru_cache(48)
 def _rays(state: Any, edges: tuple[float, ...], points: tuple[float, ...]) -> Any:
-    """Of one stage, asked once: the same lens stands in front of many pixels."""
+    """Of one stage, asked once: the same stage stands in front of many others."""
     product, frequency = Product((state[0],), edges, alone), np.array(points)
     if product.radial:
         return product.along(frequency)[None]
@@ -72,7 +72,7 @@ def _rings(stage: Transfer, edges: tuple[float, ...], rings: tuple[float, ...]) 
 
 @lru_cache(96)
 def _remembered(state: Any, edges: tuple[float, ...], rings: tuple[float, ...]) -> tuple[Any, Any]:
-    """(wavelength, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
-    found = in_directions((state[0],), edges, scene_spectrum.frequencies_in(np.array(rings)))
-    changed, passed = (scene_spectrum.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
+    """(band, ring): the largest |1 - H| and the largest |H| in every ring, over all directions."""
+    found = in_directions((state[0],), edges, scene_rings.frequencies_in(np.array(rings)))
+    changed, passed = (scene_rings.largest_in_rings(np.abs(values)).max(axis=0) for values in (1 - found, found))
     return changed, passed

@@ -1,9 +1,9 @@
-"""Sums over wavelength of filtered light: few transforms instead of one for every band.
+"""Sums over bands of filtered light: few transforms instead of one for every band.
 
 In:  the weights of the channels by band, transfer functions by band and radial frequency.
-Out: a basis over wavelength, radial tables looked up on planes of frequencies, and what an expansion leaves out.
+Out: a basis over the bands, radial tables looked up on planes of frequencies, and what an expansion leaves out.
 
-A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly with wavelength, all w_c(l) T_l(f) are close
+A channel c is sum_l w_c(l) T_l(f) X_l(f). Where the transfer function changes slowly from band to band, all w_c(l) T_l(f) are close
 to sum_k u_ck(f) g_k(l) with few functions g_k, and the sum over l can be taken before the transform:
 sum_k u_ck(f) FFT[ sum_l g_k(l) x_l ].
 """
@@ -33,22 +33,22 @@ def importance(frequency: FloatArray) -> FloatArray:
     return np.minimum(1.0, flat / np.maximum(frequency, 1e-300))
 
 
-def wavelength_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
-    """Functions of wavelength in which the weighted transfer functions of all channels are expanded.
+def band_basis(weights: FloatArray, planes: int, transfer: FloatArray, passed: FloatArray) -> FloatArray:
+    """Functions of the band in which the weighted transfer functions of all channels are expanded.
 
     Parameters
     ----------
-    weights : (channel, wavelength) array, not negative
+    weights : (channel, band) array, not negative
     planes : int
         At least as many as there are channels; no more are made than there are bands with weight.
-    transfer : (wavelength, frequency) array
+    transfer : (band, frequency) array
         The transfer functions at some radial frequencies.
     passed : (frequency,) array, not negative
         How much an error at each of these frequencies matters.
 
     Returns
     -------
-    (planes, wavelength) array
+    (planes, band) array
         g, orthonormal under 1 / total weight: with which weight each band enters each plane; 0 in bands without weight. The
         weights of the channels lie in their span, so that uniform light is exact.
 
@@ -99,14 +99,14 @@ def expansion_residual(weights: FloatArray, transfer: FloatArray, basis: FloatAr
 
     Parameters
     ----------
-    weights : (channel, wavelength) array
-    transfer : (wavelength, frequency) array
-    basis : (planes, wavelength) array
-        As ``wavelength_basis`` gives it.
+    weights : (channel, band) array
+    transfer : (band, frequency) array
+    basis : (planes, band) array
+        As ``band_basis`` gives it.
 
     Returns
     -------
-    (channel, wavelength, frequency) array
+    (channel, band, frequency) array
         |w_l T_l - sum_k u_k g_k(l)| / sum_l w_l.
     """
     weights = np.asarray(weights, dtype=float)
@@ -156,23 +156,23 @@ class RadialPlane:
             found[rows] += np.take(table, self.below[rows], mode="clip")
         return found
 
-    def add_product(self, sums: ComplexArray, half_spectrum: ComplexArray, table: FloatArray) -> None:
-        """sums += half_spectrum * table, in place."""
+    def add_product(self, sums: ComplexArray, half_transform: ComplexArray, table: FloatArray) -> None:
+        """sums += half_transform * table, in place."""
         factor = self.upper(table)
-        for rows in _blocks(*half_spectrum.shape):
+        for rows in _blocks(*half_transform.shape):
             for own, mirrored in (
                 (slice(rows.start, min(rows.stop, self.half + 1)), False),
                 (slice(max(rows.start, self.half + 1), rows.stop), True),
             ):
                 if own.stop > own.start:
                     part = factor[self.rows - own.stop + 1 : self.rows - own.start + 1][::-1] if mirrored else factor[own]
-                    sums[own] += half_spectrum[own] * part
+                    sums[own] += half_transform[own] * part
 
-    def multiply(self, half_spectrum: ComplexArray, table: FloatArray) -> None:
-        """Multiply a half spectrum (rows, columns) by a table, in place."""
+    def multiply(self, half_transform: ComplexArray, table: FloatArray) -> None:
+        """Multiply a half transform (rows, columns) by a table, in place."""
         factor = self.upper(table)
-        half_spectrum[: self.half + 1] *= factor
-        half_spectrum[self.half + 1 :] *= factor[1 : self.rows - self.half][::-1]
+        half_transform[: self.half + 1] *= factor
+        half_transform[self.half + 1 :] *= factor[1 : self.rows - self.half][::-1]
 
 
 def _blocks(rows: int, columns: int) -> list[slice]:
@@ -181,11 +181,11 @@ def _blocks(rows: int, columns: int) -> list[slice]:
     return [slice(start, min(start + each, rows)) for start in range(0, rows, each)]
 
 
-def add_weighted(sums: ComplexArray, weights: FloatArray, half_spectrum: ComplexArray) -> None:
-    """sums[c] += weights[c] * half_spectrum, in place, block by block."""
+def add_weighted(sums: ComplexArray, weights: FloatArray, half_transform: ComplexArray) -> None:
+    """sums[c] += weights[c] * half_transform, in place, block by block."""
     kind = sums.real.dtype
-    for rows in _blocks(*half_spectrum.shape):
-        block = half_spectrum[rows]
+    for rows in _blocks(*half_transform.shape):
+        block = half_transform[rows]
         for channel, weight in enumerate(weights):
             if weight:
                 sums[channel, rows] += kind.type(weight) * block

@@ -1,7 +1,7 @@
 """The product of the transfer functions of some stages: the one place where a stage's ``transfer`` is asked.
 
-In:  stages in the order of the light, wavelength bins, what each stage has prepared.
-Out: their product at separable frequencies, for all bands or some of them; of channels the mean over wavelength, with the charge that moves
+In:  stages in the order of the light, edges of bands, what each stage has prepared.
+Out: their product at separable frequencies, for all bands or some of them; of channels the mean over bands, with the charge that moves
      between them.
 """
 
@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
-from etendue.contract.grid import Bands
+from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, bands_of
+from etendue.contract.coordinates import coordinates_of
+from etendue.contract.dims import dim
+from etendue.contract.grid import Bands, Grid
 from etendue.contract.stage import Stage
 from etendue.errors import PluginError
 from etendue.telling import foreign
@@ -25,9 +27,9 @@ EVERY = slice(None)
 
 
 def alone(stage: Stage, edges: tuple[float, ...]) -> Any:
-    """What a stage prepares for wavelength bins, asked of it now."""
+    """What a stage prepares for bands with these edges, asked of it now."""
     with foreign(f"{type(stage).__name__}.prepare"):
-        return stage.prepare({"wavelength_edges": np.array(edges), "wavelength": np.array(Bands(edges).values())})
+        return stage.prepare(coordinates_of({"": Grid.of({bands_of(type(stage)): Bands(edges)})}))
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,10 @@ class Product:
     prepared: Callable[[Stage, tuple[float, ...]], Any] = field(default=alone, compare=False)
 
     @cached_property
-    def wavelength(self) -> NDArray[np.float64]:
-        """(wavelength, 1, 1), um: the middle of every bin."""
-        return np.array(Bands(self.edges).values())[:, None, None] * 1e-3
+    def middles(self) -> NDArray[np.float64]:
+        """(band, 1, 1): the middle of every band, in the unit in which transfer functions are asked."""
+        own = next((name for stage in self.stages if (name := bands_of(type(stage)))), "")
+        return np.array(Bands(self.edges).values())[:, None, None] * dim(own).factor
 
     @cached_property
     def _prepared(self) -> list[Any]:
@@ -53,28 +56,28 @@ class Product:
         return all(stage.radial for stage in self.stages)
 
     def at(self, fy: NDArray[Any], fx: NDArray[Any], bands: slice = EVERY) -> Any:
-        """(wavelength or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 where there is no stage."""
-        wavelength = self.wavelength[bands]
+        """(band or 1, m, n) at frequencies fy (m, 1), fx (1, n), cycles/um; 1 where there is no stage."""
+        middles = self.middles[bands]
         product: Any = np.ones((1, 1, 1))
         for stage, prepared in zip(self.stages, self._prepared, strict=True):
-            product = product * asked(stage, fy, fx, wavelength, prepared)
+            product = product * asked(stage, fy, fx, middles, prepared)
         return product
 
     def along(self, frequency: NDArray[Any]) -> Any:
-        """(wavelength, n) along x."""
+        """(band, n) along x."""
         found = self.at(np.zeros((1, 1)), frequency[None, :])[:, 0]
-        return np.broadcast_to(found, (self.wavelength.size, frequency.size))
+        return np.broadcast_to(found, (self.middles.size, frequency.size))
 
 
-def asked(stage: Transfer, fy: Any, fx: Any, wavelength: Any, prepared: Any) -> Any:
-    """``stage.transfer`` as (wavelength or 1, m, n) finite numbers that fit the frequencies, or an error that names the stage."""
+def asked(stage: Transfer, fy: Any, fx: Any, middles: Any, prepared: Any) -> Any:
+    """``stage.transfer`` as (band or 1, m, n) finite numbers that fit the frequencies, or an error that names the stage."""
     name = f"{type(stage).__name__}.transfer"
     with foreign(name):
-        given = (fy, fx, wavelength) if prepared is None else (fy, fx, wavelength, prepared)
+        given = (fy, fx, middles) if prepared is None else (fy, fx, middles, prepared)
         found = np.asarray(stage.transfer(*given))
     if found.dtype.kind not in "fiubc" or found.ndim > 3:
-        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (wavelength, y, x)")
-    shape = (np.size(wavelength), np.shape(fy)[0], np.shape(fx)[1])
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers over (band, y, x)")
+    shape = (np.size(middles), np.shape(fy)[0], np.shape(fx)[1])
     if any(n not in (1, most) for n, most in zip(found.shape[::-1], shape[::-1], strict=False)):
         raise PluginError(f"{name} gave shape {found.shape}, but was asked for {shape}")
     return found.reshape((1,) * (3 - found.ndim) + found.shape)
@@ -91,14 +94,14 @@ def between(stage: ChannelTransfer, fy: Any, fx: Any, light: Any, prepared: Any)
     return found
 
 
-def behind_filters(bands: Any, photons: Any, moved: Any = (), still: Any = ()) -> Any:
-    """Transfer functions of grey detail by channel: means over wavelength, and what charge that moves between channels makes of them.
+def behind_filters(bands: Any, shares: Any, moved: Any = (), still: Any = ()) -> Any:
+    """Transfer functions of grey detail by channel: means over bands, and what charge that moves between channels makes of them.
 
     Parameters
     ----------
-    bands : (wavelength, ...) array
+    bands : (band, ...) array
         Of the stages in front of the filters, 1 at frequency 0.
-    photons : (channel, wavelength) array
+    shares : (channel, band) array
         Of a white surface, of any scale.
     moved : sequence of (channel, channel, ...) arrays
         Of stages one behind the other, see `between`.
@@ -110,7 +113,7 @@ def behind_filters(bands: Any, photons: Any, moved: Any = (), still: Any = ()) -
     (channel, ...) array
         1 at frequency 0.
     """
-    found, level = np.tensordot(photons, bands, 1), photons.sum(axis=1)
+    found, level = np.tensordot(shares, bands, 1), shares.sum(axis=1)
     for one, at_zero in zip(moved, still, strict=True):
         found, level = np.einsum("cs...,s...->c...", one, found), at_zero @ level
     scale = np.where(level == 0, 1.0, level)
@@ -118,11 +121,11 @@ def behind_filters(bands: Any, photons: Any, moved: Any = (), still: Any = ()) -
 
 
 def weights(stage: Summed, prepared: Any) -> Any:
-    """``stage.weights``: (channel, wavelength), read-only."""
+    """``stage.weights``: (channel, band), read-only."""
     name = f"{type(stage).__name__}.weights"
     with foreign(name):
         found = np.array(stage.weights(prepared))
     if found.dtype.kind not in "fiub" or found.ndim != 2:
-        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, wavelength)")
+        raise PluginError(f"{name} gave {found.dtype} of shape {found.shape}; expected numbers by (channel, band)")
     found.flags.writeable = False
     return found

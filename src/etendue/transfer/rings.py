@@ -59,7 +59,7 @@ def ring_sums(plane: FloatArray, step_y: float, step_x: float, edges: FloatArray
         of ``amplitude``.
     """
     ny, nx = plane.shape
-    half = sampling.spectrum(np.ascontiguousarray(plane))
+    half = sampling.transform(np.ascontiguousarray(plane))
     half[0, 0] = 0
     total_y, total_x = sampling.padded_size(ny), sampling.padded_size(nx)
     twice = np.full(half.shape[1], 2.0)

@@ -1,4 +1,4 @@
-"""Sampled planes: padding, spectra, transfer functions applied once, and evaluation between samples.
+"""Sampled planes: padding, transforms, transfer functions applied once, and evaluation between samples.
 
 In:  planes sampled at ``start + step * i`` um; transfer functions at spatial frequencies in cycles/um.
 Out: filtered planes on the same grid, or evaluated at any separable set of positions.
@@ -63,8 +63,8 @@ def pad(planes: FloatArray) -> FloatArray:
     return whole
 
 
-def spectrum(planes: FloatArray) -> ComplexArray:
-    """Half spectrum of padded planes: (..., Ny, Nx//2 + 1), in the complex type of the input's precision."""
+def transform(planes: FloatArray) -> ComplexArray:
+    """Half transform of padded planes: (..., Ny, Nx//2 + 1), in the complex type of the input's precision."""
     return scipy.fft.rfft2(pad(planes), workers=1)
 
 
@@ -73,12 +73,12 @@ def kept_terms(size: int, share: float) -> int:
     return min(int(share * (padded_size(size) // 2)), padded_size(size) // 2)
 
 
-def low_terms(half_spectrum: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
-    """Of a half spectrum the terms from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); or all of it."""
+def low_terms(half_transform: ComplexArray, shape: tuple[int, int]) -> ComplexArray:
+    """Of a half transform the terms from 0 to Ky, -Ky to -1 along y and 0 to Kx along x: (..., 2 Ky + 1, Kx + 1); or all of it."""
     rows, columns = shape
-    if half_spectrum.shape[-2:] == shape:
-        return half_spectrum
-    low = half_spectrum[..., :columns]
+    if half_transform.shape[-2:] == shape:
+        return half_transform
+    low = half_transform[..., :columns]
     return np.concatenate([low[..., : rows // 2 + 1, :], low[..., low.shape[-2] - rows // 2 :, :]], axis=-2)
 
 
@@ -92,9 +92,9 @@ def frequencies(size: int, step: float, half: bool, share: float = 1.0) -> Float
     return scipy.fft.rfftfreq(total, step) if half else scipy.fft.fftfreq(total, step)
 
 
-def planes_of(half_spectrum: ComplexArray, ny: int, nx: int) -> FloatArray:
-    """The frame [0:ny, 0:nx] of the planes with this half spectrum."""
-    full = scipy.fft.irfft2(half_spectrum, s=(padded_size(ny), padded_size(nx)), workers=1)
+def planes_of(half_transform: ComplexArray, ny: int, nx: int) -> FloatArray:
+    """The frame [0:ny, 0:nx] of the planes with this half transform."""
+    full = scipy.fft.irfft2(half_transform, s=(padded_size(ny), padded_size(nx)), workers=1)
     return np.ascontiguousarray(full[..., :ny, :nx])
 
 
@@ -111,7 +111,7 @@ def whole_steps(in_start: float, in_step: float, out_start: float, out_step: flo
 def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> ComplexArray:
     """exp(2 pi i k u / N) for every position and frequency index; the Nyquist term as a cosine (real interpolation).
 
-    ``terms`` : how many a spectrum has along this axis; fewer than the transform: those of ``low_terms``.
+    ``terms`` : how many a transform has along this axis; fewer than the whole: those of ``low_terms``.
     """
     if terms < (total // 2 + 1 if half else total):
         k = np.arange(terms) if half else np.concatenate([np.arange(terms // 2 + 1), -np.arange(terms // 2, 0, -1)])
@@ -132,12 +132,12 @@ def _waves(positions: FloatArray, total: int, half: bool, terms: int) -> Complex
     return waves
 
 
-def evaluate(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
+def evaluate(half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
     """Planes at positions between samples, exactly as the band-limited plane has them.
 
     Parameters
     ----------
-    half_spectrum : (..., Ny, Nx//2 + 1) complex array
+    half_transform : (..., Ny, Nx//2 + 1) complex array
         Of planes whose frame has ``ny`` x ``nx`` samples; or what ``low_terms`` gives of it.
     y, x : (start, step, size)
         Output positions in samples of the input grid (0 is its first sample).
@@ -149,32 +149,32 @@ def evaluate(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, floa
     Notes
     -----
     Two matrix products per plane (a matrix Fourier transform). What lies beyond the output's Nyquist frequency
-    folds back, as in a sensor. Error against direct summation: below 2e-14 of the largest value in double,
+    folds back, as in any sampling. Error against direct summation: below 2e-14 of the largest value in double,
     2e-6 in single precision.
     """
     total_y, total_x = padded_size(ny), padded_size(nx)
-    rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, False, half_spectrum.shape[-2]).astype(half_spectrum.dtype)
-    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, True, half_spectrum.shape[-1]).astype(half_spectrum.dtype)
-    return np.ascontiguousarray(((rows @ half_spectrum) @ columns.T).real / (total_y * total_x)).astype(
-        half_spectrum.real.dtype, copy=False
+    rows = _waves(y[0] + y[1] * np.arange(y[2]), total_y, False, half_transform.shape[-2]).astype(half_transform.dtype)
+    columns = _waves(x[0] + x[1] * np.arange(x[2]), total_x, True, half_transform.shape[-1]).astype(half_transform.dtype)
+    return np.ascontiguousarray(((rows @ half_transform) @ columns.T).real / (total_y * total_x)).astype(
+        half_transform.real.dtype, copy=False
     )
 
 
-def sample(half_spectrum: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
+def sample(half_transform: ComplexArray, ny: int, nx: int, y: tuple[float, float, int], x: tuple[float, float, int]) -> FloatArray:
     """``evaluate``, by picking samples where all positions are samples: the same values, cheaper."""
     rows = whole_steps(0.0, 1.0, y[0], y[1], y[2], ny)
     columns = whole_steps(0.0, 1.0, x[0], x[1], x[2], nx)
     if rows is None or columns is None:
-        return evaluate(half_spectrum, ny, nx, y, x)
-    if half_spectrum.shape[-1] <= padded_size(nx) // 2:
+        return evaluate(half_transform, ny, nx, y, x)
+    if half_transform.shape[-1] <= padded_size(nx) // 2:
         if y[2] * x[2] < FEW * padded_size(ny):
-            return evaluate(half_spectrum, ny, nx, y, x)
-        half_spectrum = _whole(half_spectrum, padded_size(ny), padded_size(nx))
-    return np.ascontiguousarray(planes_of(half_spectrum, ny, nx)[..., rows, columns])
+            return evaluate(half_transform, ny, nx, y, x)
+        half_transform = _whole(half_transform, padded_size(ny), padded_size(nx))
+    return np.ascontiguousarray(planes_of(half_transform, ny, nx)[..., rows, columns])
 
 
 def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:
-    """A part of a spectrum with zeros where it has no terms."""
+    """A part of a transform with zeros where it has no terms."""
     found = np.zeros((*low.shape[:-2], total_y, total_x // 2 + 1), dtype=low.dtype)
     middle, columns = low.shape[-2] // 2, low.shape[-1]
     found[..., : middle + 1, :columns] = low[..., : middle + 1, :]
@@ -182,11 +182,11 @@ def _whole(low: ComplexArray, total_y: int, total_x: int) -> ComplexArray:
     return found
 
 
-def sum_over_wavelength(weights: FloatArray, half_spectrum: ComplexArray) -> ComplexArray:
-    """Weighted sums of band spectra: (channel, wavelength) x (wavelength, Ny, Nh) -> (channel, Ny, Nh)."""
-    bands, ny, nh = half_spectrum.shape
-    flat = half_spectrum.reshape(bands, ny * nh)
-    return (weights.astype(half_spectrum.real.dtype) @ flat.view(half_spectrum.real.dtype)).view(half_spectrum.dtype).reshape(-1, ny, nh)
+def sum_over_bands(weights: FloatArray, half_transform: ComplexArray) -> ComplexArray:
+    """Weighted sums of band transforms: (channel, band) x (band, Ny, Nh) -> (channel, Ny, Nh)."""
+    bands, ny, nh = half_transform.shape
+    flat = half_transform.reshape(bands, ny * nh)
+    return (weights.astype(half_transform.real.dtype) @ flat.view(half_transform.real.dtype)).view(half_transform.dtype).reshape(-1, ny, nh)
 
 
 def on_unique_rows(evaluate_rows, fy: FloatArray) -> FloatArray:  # type: ignore[no-untyped-def]

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from etendue.contract.registry import installed_stages
-from etendue.contract.roles import BALANCE, FULL_WELL
 from etendue.errors import Fault, RequestError
 from etendue.present.plots.places import is_called, read_at
 from etendue_camera.electronics import amplifier
 from etendue_camera.export import dng, png, tiff
 from etendue_camera.export.frames import FINISHED, Frame, Shelf, chosen, described, plain
 from etendue_camera.export.masks import mask_of, note
+from etendue_camera.roles import BALANCE, FULL_WELL
 
 MANY = 64
 WELL = ("pixel_pitch", "aperture_fraction", "full_well_density")

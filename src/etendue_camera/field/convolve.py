@@ -17,13 +17,13 @@ FloatArray = NDArray[np.floating]
 Weights = Literal["source", "image"]
 
 
-def _half_spectrum(array: FloatArray, shape: tuple[int, int]) -> Any:
+def _half_transform(array: FloatArray, shape: tuple[int, int]) -> Any:
     """Real transform of an array padded by zeros, its zero rows not transformed."""
     return scipy.fft.fft(scipy.fft.rfft(array, shape[1], axis=1, workers=1), shape[0], axis=0, workers=1, overwrite_x=True)
 
 
-def _plane_of(spectrum: Any, shape: tuple[int, int], rows: slice, columns: slice) -> FloatArray:
-    some = scipy.fft.ifft(spectrum, axis=0, workers=1, overwrite_x=True)[rows]
+def _plane_of(transform: Any, shape: tuple[int, int], rows: slice, columns: slice) -> FloatArray:
+    some = scipy.fft.ifft(transform, axis=0, workers=1, overwrite_x=True)[rows]
     return scipy.fft.irfft(some, shape[1], axis=1, workers=1)[:, columns]
 
 
@@ -57,18 +57,18 @@ def eigen(plane: FloatArray, basis: FloatArray, coefficients: FloatArray, hats: 
     rows, columns = (slice(2 * reach, 2 * reach + n) for n in plane.shape)
 
     def padded(array: FloatArray) -> Any:
-        return _half_spectrum(np.pad(array, reach, mode="symmetric"), shape)
+        return _half_transform(np.pad(array, reach, mode="symmetric"), shape)
 
     maps = (hats[0] @ c @ hats[1].T for c in coefficients)
     whole = padded(plane)
     if weights == "source":
-        total = whole * _half_spectrum(basis[0], shape)
+        total = whole * _half_transform(basis[0], shape)
         for kernel, share in zip(basis[1:], maps, strict=True):
-            total += padded(plane * share) * _half_spectrum(kernel, shape)
+            total += padded(plane * share) * _half_transform(kernel, shape)
         return _plane_of(total, shape, rows, columns)
-    out = _plane_of(whole * _half_spectrum(basis[0], shape), shape, rows, columns)
+    out = _plane_of(whole * _half_transform(basis[0], shape), shape, rows, columns)
     for kernel, share in zip(basis[1:], maps, strict=True):
-        out += share * _plane_of(whole * _half_spectrum(kernel, shape), shape, rows, columns)
+        out += share * _plane_of(whole * _half_transform(kernel, shape), shape, rows, columns)
     return out
 
 
@@ -97,14 +97,14 @@ def tiles(plane: FloatArray, kernels: FloatArray, hats: list[FloatArray], weight
                     slice(y0 - top + 2 * reach, y1 - top + 2 * reach),
                     slice(x0 - left + 2 * reach, x1 - left + 2 * reach),
                 )
-                spectrum = _half_spectrum(block, shape) * _half_spectrum(kernels[i, j], shape)
-                out[y0:y1, x0:x1] += _plane_of(spectrum, shape, rows, columns)
+                transform = _half_transform(block, shape) * _half_transform(kernels[i, j], shape)
+                out[y0:y1, x0:x1] += _plane_of(transform, shape, rows, columns)
             else:
                 block = wide[top : bottom + 2 * reach, left : right + 2 * reach]
                 shape = fast(*block.shape)
                 rows, columns = slice(2 * reach, block.shape[0]), slice(2 * reach, block.shape[1])
-                spectrum = _half_spectrum(block, shape) * _half_spectrum(kernels[i, j], shape)
-                out[top:bottom, left:right] += share * _plane_of(spectrum, shape, rows, columns)
+                transform = _half_transform(block, shape) * _half_transform(kernels[i, j], shape)
+                out[top:bottom, left:right] += share * _plane_of(transform, shape, rows, columns)
     return out
 
 

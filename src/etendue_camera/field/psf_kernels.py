@@ -192,16 +192,16 @@ def _band_limited(picture: FloatArray, own: float, spacing: float, move: FloatAr
     wide[start : start + n, start : start + n] = picture
     frequency = scipy.fft.fftfreq(total, own)
     fy, fx = frequency[:, None], frequency[None, :]
-    spectrum = scipy.fft.fft2(scipy.fft.ifftshift(wide)) * np.exp(-2j * np.pi * (fy * move[0] + fx * move[1]))
-    spectrum[np.hypot(fy, fx) > 0.5 / spacing] = 0.0
+    transform = scipy.fft.fft2(scipy.fft.ifftshift(wide)) * np.exp(-2j * np.pi * (fy * move[0] + fx * move[1]))
+    transform[np.hypot(fy, fx) > 0.5 / spacing] = 0.0
     if total % 2 == 0:  # has no partner of the other sign
-        spectrum[total // 2] = 0.0
-        spectrum[:, total // 2] = 0.0
+        transform[total // 2] = 0.0
+        transform[:, total // 2] = 0.0
     size = int(np.ceil(total * own * _OVERSAMPLING / max(own, spacing)))
     out = np.zeros((size, size), dtype=complex)
     half = (min(size, total) - 1) // 2
     keep = np.r_[0 : half + 1, -half:0] if half else np.array([0])
-    out[np.ix_(keep, keep)] = spectrum[np.ix_(keep, keep)]
+    out[np.ix_(keep, keep)] = transform[np.ix_(keep, keep)]
     return scipy.fft.fftshift(scipy.fft.ifft2(out).real), total * own / size
 
 

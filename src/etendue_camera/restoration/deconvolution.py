@@ -154,7 +154,7 @@ def apply(planes: NDArray, gain: NDArray) -> NDArray:
     """
     planes = _floating(planes)
     gain = _on_padded(planes, gain, "gain")
-    return sampling.planes_of(sampling.spectrum(planes) * gain, *planes.shape[-2:])
+    return sampling.planes_of(sampling.transform(planes) * gain, *planes.shape[-2:])
 
 
 def richardson_lucy_periodic(

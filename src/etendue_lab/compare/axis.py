@@ -15,7 +15,6 @@ from typing import Any
 from etendue.contract import quantities as camera
 from etendue.contract.capabilities import Probe
 from etendue.contract.registry import Registry
-from etendue.contract.roles import REFERENCE
 from etendue.contract.stage import reads_of
 from etendue.errors import Fault, PluginError, RequestError, nearest
 from etendue.pipeline.file import Pipeline
@@ -23,6 +22,7 @@ from etendue.pipeline.overrides import axis_name
 from etendue.pipeline.presets import preset
 from etendue.plan.alternatives import unlike
 from etendue.plan.model import Node
+from etendue_camera.roles import REFERENCE
 
 SENSOR = "sensor"  # the word for presets of a camera
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from etendue.contract.registry import Registry
-from etendue.contract.roles import REFERENCE, RESTORING
 from etendue.contract.stage import parameters_of, quantities_of, reads_of
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline.file import Pipeline, StageEntry
@@ -25,6 +24,7 @@ from etendue.plan import asking
 from etendue.plan.graph import Graph, build_graph
 from etendue.plan.model import Node
 from etendue.plan.quantities import to_be_found
+from etendue_camera.roles import REFERENCE, RESTORING
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.registry import Registry
-from etendue.contract.roles import EdgeScene, FlatScene
 from etendue.contract.stage import parameters_of
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import Pipeline
@@ -24,6 +23,7 @@ from etendue.plan.model import Node, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
 from etendue_camera.resolution.slanted_edge import slanted_edge
+from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_lab.compare import installed
 from etendue_lab.compare.axis import Asked
 from etendue_lab.compare.branches import CAMERA, Branched, Place, noise_free, writer

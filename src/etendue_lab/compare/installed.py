@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 from etendue.contract.registry import Registry
-from etendue.contract.roles import REFERENCE
 from etendue.contract.stage import reads_of, writes_of
 from etendue.errors import RequestError
+from etendue_camera.roles import REFERENCE
 
 
 def serving(registry: Registry, role: str, reads: str, writes: str, dims: tuple[str, ...] = ()) -> str:

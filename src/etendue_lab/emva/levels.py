@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.roles import Datasheet
+from etendue.contract.capabilities import Datasheet
 from etendue.contract.stage import Stage
 from etendue.errors import RequestError
 from etendue.plan.ancestry import ancestry

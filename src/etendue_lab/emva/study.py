@@ -25,13 +25,13 @@ from etendue.archive.stored import Stored
 from etendue.contract.capabilities import is_source
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.contract.roles import LENS, FlatScene
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
+from etendue_camera.roles import LENS, FlatScene
 from etendue_lab.compare import installed
 from etendue_lab.compare.axis import without_sweep
 from etendue_lab.emva.levels import RAW, lit, of_plan, raw_node, saturation

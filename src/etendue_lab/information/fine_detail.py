@@ -23,7 +23,6 @@ from etendue.compute.joined.segments import Result
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer, is_seen_as_transfer, moves_light
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.contract.roles import Scaled
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.model import CellRef, Plan
@@ -31,6 +30,7 @@ from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue.transfer.products import Product, alone, behind_filters, between, weights
 from etendue_camera.resolution import information, noise_power
+from etendue_camera.roles import Scaled
 from etendue_lab.noise.flat_field import MOSAIC, REACH, FlatField, another, followed, in_front_of_grey
 
 CHARGE, CURRENT, LIGHT = "expected_charge", "photocurrent", "photon_rate"

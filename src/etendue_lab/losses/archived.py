@@ -22,6 +22,11 @@ from etendue.result_files import finite
 from etendue_lab.losses.study import RUNS, losses
 
 SENSOR = "sensor"  # the word for presets of a camera
+ABOUT = (
+    "The camera{at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera could be"
+    " made real (Shapley values); the shares are of what is lost before others win it back, and a stage below 0 wins back. "
+    "Contrast and signal-to-noise ratio are of a grey card, colour of the scene."
+)
 
 
 def losses_at(folder: Path, at: Mapping[str, Any], told: Callable[[str], None] = lambda text: None, runs: int = RUNS) -> dict[str, Any]:
@@ -33,7 +38,8 @@ def losses_at(folder: Path, at: Mapping[str, Any], told: Callable[[str], None] =
         found: dict[str, Any] = finite(losses(camera_at(folder, at), installed_stages(), runs=runs, told=told).document())
     except EtendueError as error:
         return {"losses": [], "notes": [], "why": str(error).strip().split("\n")[-1]}
-    return {**found, "why": ""}
+    shown = [{**loss, "value": loss["camera"]} for loss in found["losses"]]  # the word that whoever shows it knows
+    return {**found, "losses": shown, "about": ABOUT, "why": ""}
 
 
 def camera_at(folder: Path, at: Mapping[str, Any]) -> Pipeline:

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.registry import Registry
-from etendue.contract.roles import Displaying
 from etendue.contract.stage import reads_of
 from etendue.errors import EtendueError, RequestError
 from etendue.pipeline.file import Pipeline
 from etendue.plan.planner import make_plan
 from etendue.session import Options, collect
 from etendue_camera.colour import difference
+from etendue_camera.roles import Displaying
 from etendue_lab.compare.axis import without_sweep
 from etendue_lab.information.fine_detail import CHARGE, FineDetail, fine_detail
 from etendue_lab.losses.games import Contrast, Game, SignalToNoise

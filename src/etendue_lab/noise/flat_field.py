@@ -18,13 +18,13 @@ from etendue.compute.cell import compute
 from etendue.compute.found import with_found
 from etendue.compute.jobs import make_jobs
 from etendue.compute.joined.segments import Result
-from etendue.contract.capabilities import is_random, is_source
+from etendue.contract.capabilities import Noisy, is_random, is_source
 from etendue.contract.registry import Registry
-from etendue.contract.roles import FlatScene, Noisy, Scaled
 from etendue.contract.stage import parameters_of, writes_of
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline, StageEntry
 from etendue.plan.model import CellRef, Node, Plan
+from etendue_camera.roles import FlatScene, Scaled
 from etendue_camera.sensor import cfa
 from etendue_lab.compare import installed
 

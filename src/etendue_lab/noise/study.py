@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.capabilities import Noisy
 from etendue.contract.ports import Progress
 from etendue.contract.registry import Registry
-from etendue.contract.roles import Noisy, Scaled
 from etendue.contract.stage import writes_of
 from etendue.errors import RequestError
 from etendue.pipeline.file import Pipeline
@@ -30,6 +30,7 @@ from etendue.plan.model import Plan
 from etendue.plan.planner import make_plan
 from etendue.session import Options, execute
 from etendue_camera.colour import noise_propagation as propagation
+from etendue_camera.roles import Scaled
 from etendue_lab.compare.axis import without_sweep
 from etendue_lab.noise.flat_field import MOSAIC, FlatField, another, followed, in_front_of_grey
 from etendue_lab.noise.report import NoiseReport, StageNoise

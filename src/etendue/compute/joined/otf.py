@@ -16,7 +16,7 @@ import numpy as np
 from etendue.compute.job import Job
 from etendue.compute.tables import TABLES, prepared_for
 from etendue.contract.capabilities import ChannelTransfer, Summed, Transfer
-from etendue.contract.grid import Bands, Grid
+from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
 from etendue.transfer.products import Product, behind_filters, between, weights
 
@@ -52,7 +52,7 @@ def _behind(pixel: int, every: Sequence[tuple[str, Stage]], chains: Sequence[Seq
 
 
 def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
-    """(channel, wavelength): photons by wavelength of a stage that ends in a sum."""
+    """(channel, band): weights of the bands of a stage that ends in a sum."""
     return weights(stage, prepared_for(stage, edges))
 
 
@@ -60,10 +60,10 @@ def weights_of(stage: Summed, edges: tuple[float, ...]) -> Any:
 class Otf:
     """The product of the transfer functions of some stages. Frequencies in cycles/um; values are 1 at 0, complex where shifted.
 
-    ``parts`` are (name, stage) in the order of the light, ``edges`` the wavelength bins, nm. What a plan has left out is
+    ``parts`` are (name, stage) in the order of the light, ``edges`` those of the bands. What a plan has left out is
     among them: it is asked of the stages, not of the arrays. ``grid`` is that of what the last of them writes. ``whole`` is
     False where a stage in front moves light without being a transfer function (a warp, a blur that changes over the field):
-    then no product is all of the camera. ``behind`` are the stages that move charge between pixels, where the last part is a pixel:
+    then no product is all that light meets. ``behind`` are the stages that move charge between pixels, where the last part is a pixel:
     no product holds them, ``channels`` and ``channels_along`` do. ``light`` is that of a white surface in front of the pixel by band, the
     largest 1; None where nobody says.
     """
@@ -77,12 +77,12 @@ class Otf:
     light: tuple[float, ...] | None = None
 
     def __call__(self, frequency: Any) -> Any:
-        """(wavelength, n) at frequencies (n,) along x."""
+        """(band, n) at frequencies (n,) along x."""
         fx = np.asarray(frequency, dtype=float)
         return self.along(np.zeros_like(fx), fx)
 
     def along(self, fy: Any, fx: Any) -> Any:
-        """(wavelength, n) at points (n,) of a line in any direction, or at any other points."""
+        """(band, n) at points (n,) of a line in any direction, or at any other points."""
         fy, fx = np.broadcast_arrays(np.asarray(fy, dtype=float), np.asarray(fx, dtype=float))
         if fy.ndim != 1:
             raise ValueError(f"fy and fx have shape {fy.shape}; allowed are two lists of equal length")
@@ -92,7 +92,7 @@ class Otf:
         return product
 
     def plane(self, fy: Any, fx: Any) -> Any:
-        """(wavelength, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
+        """(band, m, n) at all pairs of frequencies (m,) along y and (n,) along x."""
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
         product: Any = np.ones((len(self.edges) - 1, fy.size, fx.size))
         for _, stage in self.parts:
@@ -102,7 +102,7 @@ class Otf:
     def channels(self, fy: Any, fx: Any, light: Any = None, weights: Any = None) -> Any:
         """(channel, m, n) at all pairs of frequencies: grey detail behind each filter, with the charge that moves between pixels.
 
-        ``light``: (wavelength,) of a white surface, W m-2 nm-1, of any scale; None: the same in every band. ``weights``: those of the
+        ``light``: (band,) of a white surface, of any scale; None: the same in every band. ``weights``: those of the
         pixel, where it is left out.
         """
         fy, fx = np.asarray(fy, dtype=float), np.asarray(fx, dtype=float)
@@ -121,8 +121,8 @@ class Otf:
         white, zero = np.ones(len(self.edges) - 1) if light is None else np.asarray(light, dtype=float), np.zeros(1)
         stages = [stage for _, stage in self.behind]
         still = [self._between(stage, zero, zero, white)[..., 0, 0] for stage in stages]
-        photons = (self.weights if weights is None else weights) * white
-        return behind_filters(bands, photons, [moved(stage, white) for stage in stages], still)
+        shares = (self.weights if weights is None else weights) * white
+        return behind_filters(bands, shares, [moved(stage, white) for stage in stages], still)
 
     def _between(self, stage: ChannelTransfer, fy: Any, fx: Any, white: Any) -> Any:
         def make() -> Any:
@@ -149,14 +149,14 @@ class Otf:
 
     @property
     def weights(self) -> Any:
-        """(channel, wavelength): photons by wavelength behind each filter, or None in front of the pixel."""
+        """(channel, band): weights of the bands behind each filter, or None in front of the pixel."""
         stage = next((stage for _, stage in self.parts if isinstance(stage, Summed)), None)
         return None if stage is None else weights_of(stage, self.edges)
 
     @property
-    def wavelength(self) -> Any:
-        """Middle of every bin, um."""
-        return np.array(Bands(self.edges).values()) * 1e-3
+    def middles(self) -> Any:
+        """Middle of every band, in the unit in which transfer functions are asked."""
+        return Product(tuple(stage for _, stage in self.parts), self.edges, prepared_for).middles[:, 0, 0]
 
     def scene_along(self, fy: Any, fx: Any) -> Any:
         """(n,): with what the ideal chart of the scene was rendered; 1 where the scene does not say (photographs)."""
@@ -173,12 +173,12 @@ def _remembered(what: str, make: Any, stage: Transfer, fy: Any, fx: Any, edges: 
 
 
 def _plane(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
-    """(wavelength or 1, m, n)."""
+    """(band or 1, m, n)."""
     return Product((stage,), edges, prepared_for).at(fy[:, None], fx[None, :])
 
 
 def _along(stage: Transfer, fy: Any, fx: Any, edges: tuple[float, ...]) -> Any:
-    """(wavelength or 1, n)."""
+    """(band or 1, n)."""
     if stage.radial:
         fy, fx = np.zeros_like(fx), np.hypot(fy, fx)
     return _on_line(lambda y, x: _plane(stage, y, x, edges), fy, fx)

@@ -17,7 +17,7 @@ import numpy as np
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
 from etendue.compute.ownership import frozen
-from etendue.compute.tables import TABLES, prepared_of
+from etendue.compute.tables import TABLES, prepared_of, prepared_on
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.stage import state_of
@@ -27,7 +27,7 @@ from etendue.transfer.products import Product
 from etendue.transfer.products import weights as weights_of
 
 TOGETHER = 4  # bands projected in one product
-LARGEST_SHARED = 64 << 20  # bytes of the spectra of all channels, up to which they are kept for other pixels
+LARGEST_SHARED = 64 << 20  # bytes of the transforms of all channels, up to which they are kept for other pixels
 DIGITS = 14  # of a channel's weights: those of pixels of another size differ in the last bits
 
 
@@ -42,7 +42,7 @@ class GridTransfer:
 
     @cached_property
     def product(self) -> Product:
-        return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_of(stage, {"irradiance": self.grid}, {}))
+        return Product(self.stages, self.grid.bands().edges, lambda stage, _: prepared_on(stage, self.grid))
 
     @cached_property
     def _rows(self) -> Any:
@@ -54,7 +54,7 @@ class GridTransfer:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the half spectrum that there is."""
+        """Rows and columns of the half transform that there is."""
         return self._rows.size, self._columns.size
 
     def band(self, number: int) -> Any:
@@ -72,32 +72,32 @@ class GridTransfer:
 
     @cached_property
     def table(self) -> Any:
-        """(wavelength, node): the product on the radial nodes."""
+        """(band, node): the product on the radial nodes."""
         return self.product.along(self.plane.nodes)
 
-    def apply(self, half_spectrum: Any, band: int) -> None:
-        """Multiply the spectrum of one band, in place."""
+    def apply(self, half_transform: Any, band: int) -> None:
+        """Multiply the transform of one band, in place."""
         if not self.stages:
             return
         if self.plane is not None:
-            self.plane.multiply(half_spectrum, self.table[band])
+            self.plane.multiply(half_transform, self.table[band])
         else:
             own = self.band(band)
-            half_spectrum *= own.astype(np.result_type(half_spectrum.real if own.dtype.kind == "f" else half_spectrum), copy=False)
+            half_transform *= own.astype(np.result_type(half_transform.real if own.dtype.kind == "f" else half_transform), copy=False)
 
-    def gathered(self, weights: Any, basis: Any, half_spectra: Any) -> Any:
-        """(channel, Ny, Nh): sum_k u_ck(f) S_k over the spectra of the gathered planes."""
+    def gathered(self, weights: Any, basis: Any, half_transforms: Any) -> Any:
+        """(channel, Ny, Nh): sum_k u_ck(f) S_k over the transforms of the gathered planes."""
         one_by_one = expansion.coefficients(weights, basis, np.eye(weights.shape[1]))
         sums: Any = None
         tables = None if self.plane is None or not self.stages else expansion.coefficients(weights, basis, self.table)
-        for number, spectrum in enumerate(half_spectra):
+        for number, transform in enumerate(half_transforms):
             if sums is None:
-                sums = np.zeros((weights.shape[0], *spectrum.shape), dtype=spectrum.dtype)
+                sums = np.zeros((weights.shape[0], *transform.shape), dtype=transform.dtype)
             for channel, own in enumerate(sums):
                 if tables is not None:
-                    self.plane.add_product(own, spectrum, tables[channel, number])
+                    self.plane.add_product(own, transform, tables[channel, number])
                 else:
-                    own += spectrum * self._mixed(one_by_one[channel, number]).astype(spectrum.dtype)
+                    own += transform * self._mixed(one_by_one[channel, number]).astype(transform.dtype)
         return sums
 
     def _mixed(self, factors: Any) -> Any:
@@ -120,7 +120,7 @@ class FilteredBands(Banded):
         self.dtype = self.light.dtype
 
     def __getitem__(self, band: int) -> Any:
-        half = sampling.spectrum(np.asarray(self.light[band]))
+        half = sampling.transform(np.asarray(self.light[band]))
         self.joined.apply(half, band)
         return sampling.planes_of(half, *self.shape[1:])
 
@@ -151,27 +151,27 @@ def from_bands(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
     y, x = grid.line("y"), grid.line("x")
     fy = sampling.frequencies(y.size, y.step, half=False, share=kept)[:, None]
     fx = sampling.frequencies(x.size, x.step, half=True, share=kept)[None, :]
-    aperture = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
-    if aperture.shape[0] > 1:
+    last = Product((stage,), grid.bands().edges, lambda *_: prepared).at(fy, fx)
+    if last.shape[0] > 1:
         raise ValueError(f"{type(stage).__name__} has a transfer function of its own for every band; put it in front of the sum")
-    aperture = aperture.reshape(aperture.shape[-2:]).astype(np.result_type(channels.real if aperture.dtype.kind == "f" else channels))
+    last = last.reshape(last.shape[-2:]).astype(np.result_type(channels.real if last.dtype.kind == "f" else channels))
     out, where = job.grids[name], []
     for dim, line in (("y", y), ("x", x)):
         start, step = out.line(dim).um()
         where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
-    if sums is not None:  # others read the spectra too
-        behind = channels * aperture
-        behind *= sums[:, None, None].astype(aperture.real.dtype)
+    if sums is not None:  # others read the transforms too
+        behind = channels * last
+        behind *= sums[:, None, None].astype(last.real.dtype)
         return {name: sampling.sample(behind, y.size, x.size, where[0], where[1]).astype(job.precision, copy=False)}
     planes = np.empty((channels.shape[0], where[0][2], where[1][2]), dtype=job.precision)
     for channel, half in enumerate(channels):
-        half *= aperture
+        half *= last
         planes[channel] = sampling.sample(half, y.size, x.size, where[0], where[1])
     return {name: planes}
 
 
 def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int) -> Any:
-    """Half spectra of the channels in front of their pixels: the same for pixels of any size, and kept for the next of them."""
+    """Half transforms of the channels in front of their pixels: the same for pixels of any size, and kept for the next of them."""
     assert job.segment is not None
     own = ("channels", job.segment.source, tuple(state_of(stage) for stage in joined.stages), shares.tobytes(), terms, job.precision)
 
@@ -187,13 +187,13 @@ def _shared(job: Job, light: Any, joined: GridTransfer, shares: Any, terms: int)
     def fitted() -> Any:
         highest = 0.5 * math.hypot(1 / joined.grid.line("y").step, 1 / joined.grid.line("x").step)
         frequency = np.linspace(0.0, highest, expansion.FITTED)
-        return expansion.wavelength_basis(shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency))
+        return expansion.band_basis(shares[live], terms, joined.product.along(frequency).real, expansion.importance(frequency))
 
     def channels() -> Any:
         basis = fitted()
-        spectra = remembered(lambda: tuple(frozen(sampling.spectrum(plane)) for plane in _gathered(light, basis)), terms)
-        found = np.zeros((live.size, *joined.shape), dtype=spectra[0].dtype)
-        found[live] = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in spectra))
+        transforms = remembered(lambda: tuple(frozen(sampling.transform(plane)) for plane in _gathered(light, basis)), terms)
+        found = np.zeros((live.size, *joined.shape), dtype=transforms[0].dtype)
+        found[live] = joined.gathered(shares[live], basis, (sampling.low_terms(one, joined.shape) for one in transforms))
         return frozen(found)
 
     return remembered(channels, shares.shape[0], joined.kept)
@@ -205,7 +205,7 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
     for band, plane in enumerate(in_order(light)):
         if band + 1 < len(weights[0]) and not weights[:, band].any():
             continue  # nothing sees it
-        half = np.array(sampling.low_terms(sampling.spectrum(np.asarray(plane)), joined.shape))
+        half = np.array(sampling.low_terms(sampling.transform(np.asarray(plane)), joined.shape))
         joined.apply(half, band)
         if sums is None:
             sums = np.zeros((weights.shape[0], *half.shape), dtype=half.dtype)
@@ -214,7 +214,7 @@ def _exact(light: Any, joined: GridTransfer, weights: Any) -> Any:
 
 
 def _gathered(light: Any, basis: Any) -> Any:
-    """Few planes, each a sum over wavelength: every channel is a mixture of them."""
+    """Few planes, each a sum over bands: every channel is a mixture of them."""
     planes = np.zeros((basis.shape[0], *light.shape[1:]), dtype=light.dtype)
     group: list[Any] = []
     for band, plane in enumerate(in_order(light)):

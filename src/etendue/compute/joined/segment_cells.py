@@ -18,7 +18,7 @@ import numpy as np
 
 from etendue.compute.bands import Banded, in_order
 from etendue.compute.job import Job
-from etendue.compute.tables import TABLES, prepared_of
+from etendue.compute.tables import TABLES, prepared_of, prepared_on
 from etendue.contract.capabilities import Summed, Transfer
 from etendue.contract.grid import Grid
 from etendue.contract.stage import Stage, state_of
@@ -47,7 +47,7 @@ class CellTransfer:
     @cached_property
     def product(self) -> Product:
         def prepared(stage: Stage, _: Any) -> Any:
-            return self.last[1] if self.last and stage is self.last[0] else prepared_of(stage, {"irradiance": self.grid}, {})
+            return self.last[1] if self.last and stage is self.last[0] else prepared_on(stage, self.grid)
 
         return Product((*self.stages, *((self.last[0],) if self.last else ())), self.grid.bands().edges, prepared)
 
@@ -66,7 +66,7 @@ class CellTransfer:
         return found
 
     def table(self, band: int, what: Any, along_y: cells.Rule, along_x: cells.Rule) -> Any:
-        """What multiplies the spectrum of one band, in the precision of the run; ``what`` names the rules."""
+        """What multiplies the transform of one band, in the precision of the run; ``what`` names the rules."""
 
         def make() -> Any:
             found = cells.folded(self.otf(band), self.reach(band), *self.axes, along_y, along_x)
@@ -90,7 +90,7 @@ class BlurredCells(Banded):
     def __getitem__(self, band: int) -> Any:
         plane = np.asarray(self.light[band])
         y, x = self.joined.axes
-        half = sampling.spectrum(plane) * self.joined.table(band, "means", cells.mean_rule(y, False), cells.mean_rule(x, True))
+        half = sampling.transform(plane) * self.joined.table(band, "means", cells.mean_rule(y, False), cells.mean_rule(x, True))
         return without_rounding(sampling.planes_of(half, *self.shape[1:]), plane)
 
 
@@ -119,7 +119,7 @@ def from_cells(job: Job, results: Mapping[CellRef, Any]) -> dict[str, Any]:
 
 
 def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfer, ...]) -> Any:
-    """Sums over wavelength at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
+    """Sums over bands at the pixels: by folding where the pitch is a whole number of cells, else by an extended transform."""
     prepared = prepared_of(end, job.input_grids, job.grids)
     weights: Any = weights_of(end, prepared).astype(float)
     (out,) = job.grids.values()
@@ -135,13 +135,13 @@ def _pixels(job: Job, end: Summed, light: Any, grid: Grid, before: tuple[Transfe
     if all(abs(step - round(step)) * size < 1e-6 and round(step) >= 1 for step, (_, _, _, size) in zip(steps, lines, strict=True)):
         found = _folded_pixels(light, joined, weights, lines, windows, starts, steps, brightest)
     else:
-        spectra = []
+        transforms = []
         for band, plane in enumerate(in_order(light)):
-            spectra.append(sampling.spectrum(_noted(plane, brightest, band)))
-        bands = range(len(spectra))
+            transforms.append(sampling.transform(_noted(plane, brightest, band)))
+        bands = range(len(transforms))
         centres = [start + step * np.arange(size) for start, step, (_, _, _, size) in zip(starts, steps, lines, strict=True)]
         found = cell_pixels.evaluated(
-            [joined.otf(b) for b in bands], [joined.reach(b) for b in bands], weights, np.stack(spectra), *joined.axes,
+            [joined.otf(b) for b in bands], [joined.reach(b) for b in bands], weights, np.stack(transforms), *joined.axes,
             (centres[0], centres[1]), (windows[0][0], windows[1][0]),
         )  # fmt: skip
     if (weights >= 0).all():
@@ -165,10 +165,10 @@ def _folded_pixels(
     nearest = [round(start) for start in starts]
     offsets = [0.0 if abs(start - near) < 1e-9 else start - near for start, near in zip(starts, nearest, strict=True)]
     widths = [width for width, _ in windows]
-    along_y, along_x = cells.aperture_rule(y, widths[0], offsets[0], False), cells.aperture_rule(x, widths[1], offsets[1], True)
+    along_y, along_x = cells.window_rule(y, widths[0], offsets[0], False), cells.window_rule(x, widths[1], offsets[1], True)
     sums: Any = None
     for band, plane in enumerate(in_order(light)):
-        half = sampling.spectrum(_noted(plane, brightest, band))
+        half = sampling.transform(_noted(plane, brightest, band))
         half = half * joined.table(band, ("pixels", *widths, *offsets), along_y, along_x)
         if sums is None:
             sums = np.zeros((len(weights), *half.shape), dtype=half.dtype)

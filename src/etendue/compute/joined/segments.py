@@ -1,7 +1,7 @@
 """Transfer functions: one transform at the start of a segment, products in frequency, one transform for what is wanted.
 
 In:  a ``Job`` of a transfer stage and the results it reads.
-Out: its ``Result`` with the spectrum for the next stage, and its arrays.
+Out: its ``Result`` with the transform for the next stage, and its arrays.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from etendue.transfer.products import Product, weights
 
 @dataclass
 class Result:
-    """What later cells read: arrays, the spectrum inside a segment, and the smallest value of an array once somebody asked (NaN:
+    """What later cells read: arrays, the transform inside a segment, and the smallest value of an array once somebody asked (NaN:
     it holds undefined values).
 
     ``untouched`` is the segment's input where all of the segment was left out so far: then it is the result, bit by bit.
@@ -35,20 +35,20 @@ class Result:
 
     arrays: dict[str, Any] = field(default_factory=dict)
     lowest: dict[str, float] = field(default_factory=dict)
-    spectrum: Any = None
+    transform: Any = None
     untouched: Any = None
     failed: str = ""
 
     def read_only(self) -> Result:
         """Forbid writing into the arrays: a trip to another process forgets it."""
-        for array in (*self.arrays.values(), self.spectrum, self.untouched):
+        for array in (*self.arrays.values(), self.transform, self.untouched):
             if array is not None and not isinstance(array, Banded):
                 frozen(array)
         return self
 
 
 def _on_grid(job: Job, stage: Transfer) -> Any:
-    """(wavelength or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
+    """(band or 1, Ny, Nx // 2 + 1): a stage's own transfer function at the frequencies of the padded grid, remembered."""
     grid = job.input_grids[job.inputs[0][0]]
     y, x = grid.line("y"), grid.line("x")
     edges = grid.bands().edges
@@ -64,7 +64,7 @@ def _on_grid(job: Job, stage: Transfer) -> Any:
 
 
 def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, dict[str, Any]]:
-    if not (job.spectrum or job.store or job.deliver):
+    if not (job.transform or job.store or job.deliver):
         return Result(), {}
     if job.input_grids[job.inputs[0][0]].line("y").cells:
         return Result(), from_cells(job, results)
@@ -74,18 +74,18 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
     grid = job.input_grids[port]
     y, x = grid.line("y"), grid.line("x")
     if job.segment is not None and job.segment.previous is not None:
-        spectrum, untouched = results[ref].spectrum, results[ref].untouched
+        transform, untouched = results[ref].transform, results[ref].untouched
     else:
         untouched = results[ref].arrays[variable]
-        spectrum = sampling.spectrum(untouched)
+        transform = sampling.transform(untouched)
     (name,) = job.writes
     stage = job.stage
     assert isinstance(stage, Transfer)
     if isinstance(stage, Summed):
         own, otf = weights(stage, prepared_of(stage, job.input_grids, job.grids)), _on_grid(job, stage)
         if otf.shape[0] > 1:
-            spectrum = spectrum * otf
-        channels = sampling.sum_over_wavelength(own, np.ascontiguousarray(spectrum))
+            transform = transform * otf
+        channels = sampling.sum_over_bands(own, np.ascontiguousarray(transform))
         if otf.shape[0] == 1:
             channels = channels * otf
         out = job.grids[name]
@@ -95,8 +95,8 @@ def transferred(job: Job, results: Mapping[CellRef, Result]) -> tuple[Result, di
             where.append(((start - line.start) / line.step, step / line.step, out.line(dim).size))
         return Result(), {name: sampling.sample(channels, y.size, x.size, where[0], where[1])}
     if not job.left_out:
-        spectrum, untouched = spectrum * _on_grid(job, stage), None
+        transform, untouched = transform * _on_grid(job, stage), None
     arrays = {}
     if job.store or job.deliver:
-        arrays = {name: sampling.planes_of(spectrum, y.size, x.size) if untouched is None else untouched}
-    return (Result(spectrum=spectrum, untouched=untouched) if job.spectrum else Result()), arrays
+        arrays = {name: sampling.planes_of(transform, y.size, x.size) if untouched is None else untouched}
+    return (Result(transform=transform, untouched=untouched) if job.transform else Result()), arrays

@@ -18,6 +18,8 @@ import numpy as np
 from etendue.contract import quantities
 from etendue.contract.tables import preset_keys, tables
 from etendue.contract.variables import variable, without
+from etendue.contract.wording import prefix_of
+from etendue.present.page.brought import wordings
 from etendue.present.page.columns import Columns
 from etendue.present.page.figures import Coordinate, Figure, figures
 from etendue.present.page.looks import pictured
@@ -50,10 +52,21 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         "ended": opened.ended,
         "progress": opened.progress,
         "axes": [
-            {"dim": a.dim, "key": a.key, "label": a.label, "units": a.units, "text": a.text, "values": list(a.values)} for a in opened.axes
+            {
+                "dim": a.dim,
+                "key": a.key,
+                "label": a.label,
+                "units": a.units,
+                "text": a.text,
+                "values": list(a.values),
+                "prefix": prefix_of(a.key),
+            }
+            for a in opened.axes
         ],
         "start": start,
         "opening": first,
+        **wordings(),
+        "sections": [],
         "stages": stage_rows(opened, table, about),
         "shared": _shared(opened),
         "figures": [_figure(one, columns) for one in found],
@@ -154,7 +167,8 @@ def _figure(one: Figure, columns: Columns) -> dict[str, Any]:
     ]  # fmt: skip
     return {
         "stage": one.stage, "variable": one.variable, "label": one.label, "units": one.units, "axes": list(one.axes), "dims": dims,
-        "meanings": list(one.meanings), "better": variable(one.variable).better, "data": columns.put(one.values),
+        "meanings": list(one.meanings), "better": variable(one.variable).better, "curve": variable(one.variable).curve,
+        "data": columns.put(one.values),
     }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from etendue.contract.variables import without
+from etendue.contract.variables import variable, without
 from etendue.errors import ArchiveError
 from etendue.present.page.opened import PLANE, Group, Opened
 
@@ -104,14 +104,15 @@ def _arrays(opened: Opened, groups: list[Group], name: str) -> Iterator[tuple[Gr
 
 
 def _meanings(group: Group, name: str) -> tuple[str, ...]:
-    """The names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim named ``factor`` for a place in that list."""
+    """The names behind whole numbers: CF flags 0, 1, 2, ..; or the labels of a dim for a place in that list."""
     attrs = group.data[name].attrs
     words = str(attrs.get("flag_meanings", "")).split()
     flags = np.atleast_1d(attrs.get("flag_values", range(len(words)))).tolist()
     if words and flags == list(range(len(words))):
         return tuple(words)
-    if name == "limiting_factor" and "factor" in group.data.coords:
-        return tuple(map(str, group.data["factor"].to_numpy().tolist()))
+    dim = variable(name).names
+    if variable(name).index and dim in group.data.coords:
+        return tuple(map(str, group.data[dim].to_numpy().tolist()))
     return ()
 
 

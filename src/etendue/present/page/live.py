@@ -17,7 +17,11 @@ from typing import Any
 import numpy as np
 
 from etendue.archive.journal import NAME as JOURNAL
+from etendue.contract.dims import banded
+from etendue.contract.seen import flat_dims
+from etendue.contract.wording import Unit, units
 from etendue.errors import ArchiveError
+from etendue.present.page.brought import sections
 from etendue.present.page.document import document, plain
 from etendue.present.page.html import page
 from etendue.present.page.looks import Picture, picture, pictured
@@ -109,6 +113,7 @@ class Live:
                 made = document(self.opened, self.about)
                 if self.opened.ended:
                     made["pictures"] = {"strip": strip(self.opened, made["start"])[0]}
+                    made["sections"] = sections(self.opened)
                 self._drawn = self.serial, {**made, "live": {"serial": self.serial}}
             return self._drawn[1]
 
@@ -171,7 +176,7 @@ class Live:
         return _json({"rows": rows})
 
     def _line(self, words: Words) -> tuple[str, bytes, dict[str, str]]:
-        """Values along a row or column, by channel; of a mosaic by filter."""
+        """Values along a row or column, by channel; of a plane with a pattern by its letters."""
         one = self._asked(words)
         upright = words.get("along") == "y"
         number = int(_number(words, "at_sample"))
@@ -213,17 +218,17 @@ class Live:
         return _json({"channels": channels, "low": low, "high": high, "units": one.units, "ceiling": ceiling})
 
     def _ceiling(self, one: Picture) -> float | None:
-        """The value above which nothing is told apart: the top code of a converter, 1 of what is relative to clipping or white."""
-        if one.units == "DN":
+        """The value above which nothing is told apart: the largest whole number, 1 of what is relative to clipping or white."""
+        if name := units().get(one.units, Unit()).bits:
             shown = self.opened.record["nodes"].get(one.group.stage, {}).get("shown", {})
-            bits = shown.get("bits", self.opened.record["shared"].get("bits"))
+            bits = shown.get(name, self.opened.record["shared"].get(name))
             return float(2 ** int(bits) - 1) if isinstance(bits, int) else None
         return 1.0 if one.units == "" else None
 
     # -- what is asked for ------------------------------------------------------------------------------
 
     def _at(self, words: Words) -> dict[str, int]:
-        """``f_number:2,pixel_pitch:0``: places on the axes; those that are not named are where the page begins."""
+        """``gain:2,spacing:0``: places on the axes; those that are not named are where the page begins."""
         found = {axis.dim: 0 for axis in self.opened.axes}
         for part in filter(None, words.get("at", "").split(",")):
             dim, _, text = part.rpartition(":")
@@ -291,14 +296,14 @@ def _labels(one: Picture) -> list[str]:
 
 
 def _planes(one: Picture) -> list[tuple[str, Any, Any]]:
-    """(name, plane, where it is told of) of each channel; of a mosaic the same plane for each of its filters; of many bands their sum."""
+    """(name, plane, where it is told of) of each channel; of a pattern the same plane for each of its letters; of many bands their mean."""
     array = one.array
     for dim in one.dims:
-        if dim not in ("channel", "wavelength"):
+        if dim not in flat_dims():
             array = array[len(array) // 2]
     everywhere = np.ones(one.size, bool)
     if array.ndim == 3:
-        if "wavelength" in one.dims:
+        if banded(one.dims):
             return [("mean of all bands", np.asarray(array).mean(axis=0), everywhere)]
         return [(name, np.asarray(plane), everywhere) for name, plane in zip(one.labels("channel"), array, strict=True)]
     letters = one.filter_letters()

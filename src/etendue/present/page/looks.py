@@ -131,7 +131,7 @@ class Picture:
         return (row, column) if 0 <= row < self.size[0] and 0 <= column < self.size[1] else None
 
     def filter_letters(self) -> Any:
-        """(y, x) letters of the filters in front of the pixels of a mosaic; None of any other picture."""
+        """(y, x) letters of what is in front of the pixels of a pattern; None of any other picture."""
         if not self.drawn.pattern:
             return None
         first = [round(float(self.one[dim].values[0])) if dim in self.one.coords else 0 for dim in PLANE]
@@ -139,7 +139,7 @@ class Picture:
         return tile[np.arange(self.size[0])[:, None] % tile.shape[0], np.arange(self.size[1])[None, :] % tile.shape[1]]
 
     def filter_at(self, row: int, column: int) -> str:
-        """The letter of the filter in front of a pixel of a mosaic, '' of any other picture."""
+        """The letter of what is in front of a pixel of a pattern, '' of any other picture."""
         letters = self.filter_letters()
         return "" if letters is None else str(letters[row, column])
 

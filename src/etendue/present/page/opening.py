@@ -1,11 +1,11 @@
-"""How a page opens: which camera of a sweep to build and why, what limits it, how far it may be wrong; and every figure in one place.
+"""How a page opens: which cell of a sweep to choose and why, what limits it, how far it may be wrong; and every figure in one place.
 
 In:  the figures of an archive, the values of its axes, its ledger.
 Out: plain JSON, ``usable`` aside, an array: the place that is chosen, the front on which it lies, its neighbours, at most eight figures,
 all others by subject.
 
-The front is of detail against noise where a sweep moves both, else of the first two subjects of `OPEN` that it moves. Chosen is the camera
-that gives up least: of its two shares of the best that any usable camera reaches, the lesser is the largest.
+The front is of the first two subjects that stand open (``etendue_subjects``) and that a sweep moves. Chosen is the cell that gives up
+least: of its two shares of the best that any usable cell reaches, the lesser is the largest.
 """
 
 from __future__ import annotations
@@ -19,17 +19,14 @@ import numpy as np
 
 from etendue.contract.variables import Variable
 from etendue.contract.variables import variable as known
+from etendue.contract.wording import Subject, subjects
 from etendue.present.page.figures import Figure
 from etendue.present.page.opened import Axis
 from etendue.present.page.tables import Ledger
 from etendue.present.plots.pareto import front
 
-OPEN = ("detail", "noise", "dynamic range", "clipping", "aliasing", "colour", "information", "exposure")  # a figure of each stands open
-SUBJECTS = (*OPEN, "defective pixels", "lens", "pixel")
 OTHER = "other"
-CAP = "sampling"  # the factor beyond which nothing is resolved, however good all else is
 MOST_OPEN = 8
-CLIPPED = 0.01  # share of pixels: a camera that clips more is not chosen while others clip less
 MOST_CELLS = 1_000_000  # of a front
 MOST_FRONT = 60
 
@@ -91,6 +88,15 @@ def opening(figures: Sequence[Figure], axes: Sequence[Axis], start: Mapping[str,
     }
 
 
+def _opens() -> list[str]:
+    """The subjects of which a figure stands open."""
+    return [name for name, one in subjects().items() if one.opens]
+
+
+def _subject(name: str) -> Subject:
+    return subjects().get(name, Subject())
+
+
 def _number(figure: Figure) -> Number | None:
     if figure.dims not in ((), ("stage",)) or figure.meanings or not np.isfinite(figure.values).any():
         return None
@@ -106,7 +112,7 @@ def _ranked(numbers: Sequence[Number], subject: str) -> list[Number]:
 def _open(numbers: Sequence[Number], chosen: Mapping[str, Any] | None) -> list[Number]:
     """One figure of each subject, those of the front first; where no subject is known, the first that there are."""
     found = []
-    for subject in OPEN:
+    for subject in _opens():
         ranked = _ranked(numbers, subject)
         on = [one for one in ranked if chosen and one.said in (chosen["x"], chosen["y"])]
         found += (on or [one for one in ranked if one.known.better or one.known.rank == 0])[:1]
@@ -123,7 +129,11 @@ def _subjects(figures: Sequence[Figure]) -> list[dict[str, Any]]:
     found: dict[str, list[list[str]]] = {}
     for one in figures:
         found.setdefault(known(one.variable).subject or OTHER, []).append([one.stage, one.variable])
-    order = [*(s for s in SUBJECTS if s in found), *(s for s in found if s not in (*SUBJECTS, OTHER)), *([OTHER] if OTHER in found else [])]
+    order = [
+        *(s for s in subjects() if s in found),
+        *(s for s in found if s not in (*subjects(), OTHER)),
+        *([OTHER] if OTHER in found else []),
+    ]
     return [{"subject": subject, "figures": found[subject]} for subject in order]
 
 
@@ -134,7 +144,7 @@ def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | 
     """Two figures that a sweep trades for each other, and what lies on their front; None where it moves no two."""
     if not axes or math.prod(len(axis.values) for axis in axes) > MOST_CELLS:
         return None
-    moved = [own for subject in OPEN if (own := next(filter(_trades, _ranked(numbers, subject)), None))]
+    moved = [own for subject in _opens() if (own := next(filter(_trades, _ranked(numbers, subject)), None))]
     if len(moved) < 2:
         return None
     x, y = moved[:2]
@@ -159,10 +169,11 @@ def _front(numbers: Sequence[Number], axes: Sequence[Axis]) -> dict[str, Any] | 
         order = order[np.unique(np.linspace(0, len(order) - 1, MOST_FRONT).round().astype(int))]
     place = placed(int(best))
     return {
-        "x": x.said, "y": y.said, "kinds": [x.subject, y.subject], "better": [x.known.better, y.known.better],
+        "x": x.said, "y": y.said, "kinds": [x.subject, y.subject], "said": [_subject(one.subject).said for one in (x, y)],
+        "short": [_subject(one.subject).short for one in (x, y)], "better": [x.known.better, y.known.better],
         "dims": [axis.dim for axis in over], "place": place, "usable": usable if burnt.any() else None,
         "shares": [float(v) for v in shares[best]], "on": [placed(int(cell)) for cell in order], "cells": int(there.sum()),
-        "burnt": int((there & burnt).sum()), "clipped": CLIPPED,
+        "burnt": int((there & burnt).sum()),
         "beside": _beside(x, y, over, place, usable.reshape(shape)),
     }  # fmt: skip
 
@@ -174,15 +185,15 @@ def _trades(one: Number) -> bool:
 
 
 def _burnt(numbers: Sequence[Number], over: Sequence[Axis]) -> Any:
-    """Where more is clipped than a picture forgives."""
+    """Where a figure is above what a cell may have that is chosen."""
     found = np.zeros([len(axis.values) for axis in over], bool)
     dims = {axis.dim for axis in over}
     for one in numbers:
         if set(one.figure.axes) <= dims:
             if one.known.counted == "overexposed":
                 found |= np.nan_to_num(one.over(over)) > 0
-            elif one.subject == "clipping" and one.known.better == "lower" and one.known.full == 1.0 and "black" not in one.figure.variable:
-                found |= np.nan_to_num(one.over(over)) > CLIPPED
+            elif one.known.usable is not None:
+                found |= np.nan_to_num(one.over(over)) > one.known.usable
     return found
 
 
@@ -222,7 +233,7 @@ def _beside(x: Number, y: Number, over: Sequence[Axis], place: Mapping[str, int]
 def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[str, Any]]:
     """Which of the named factors is the limit at a place, and what it is worth where a figure beside says so.
 
-    ``capped``: how many times the Nyquist frequency detail would reach; beyond 1 these pixels show none of it, whatever else is better.
+    ``capped``: how many times as far it would go but for the factor that caps all others; beyond 1 nothing else counts before that one.
     """
     found = []
     for one in figures:
@@ -231,14 +242,16 @@ def _limits(figures: Sequence[Figure], place: Mapping[str, int]) -> list[dict[st
         value = float(one.values[tuple(place[dim] for dim in one.axes)])
         if not (value >= 0 and value < len(one.meanings)):
             continue
-        dim = known(one.variable).names
+        dim, cap, words = known(one.variable).names, known(one.variable).cap, known(one.variable).said
+        subject, factor = known(one.variable).subject or OTHER, one.meanings[int(value)]
         gain = next((g for g in figures if g.stage == one.stage and g.dims == (dim,) and len(one.meanings) == g.values.shape[-1]), None)
         own = gain.values[tuple(place[d] for d in gain.axes)] if gain is not None else None
         found.append(
             {
-                "stage": one.stage, "variable": one.variable, "subject": known(one.variable).subject or OTHER,
-                "factor": one.meanings[int(value)], "gain": None if own is None else float(own[int(value)]),
-                "capped": float(own[one.meanings.index(CAP)]) if own is not None and CAP in one.meanings else None,
+                "stage": one.stage, "variable": one.variable, "subject": subject, "about": _subject(subject).said or subject,
+                "factor": factor, "said": words.get(factor, ""), "cap": cap, "cap_words": words.get(cap, cap),
+                "cap_said": known(one.variable).cap_said, "gain": None if own is None else float(own[int(value)]),
+                "capped": float(own[one.meanings.index(cap)]) if own is not None and cap in one.meanings else None,
             }
         )  # fmt: skip
     return found

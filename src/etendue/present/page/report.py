@@ -14,6 +14,7 @@ from typing import Any
 
 from etendue.contract.registry import installed_stages
 from etendue.errors import RequestError
+from etendue.present.page.brought import sections
 from etendue.present.page.document import document
 from etendue.present.page.html import page
 from etendue.present.page.opened import Opened
@@ -67,7 +68,7 @@ def reported(opened: Opened) -> dict[str, Any]:
     """The document of a report: figures of all cells, pictures of a few."""
     made = document(opened, about_stages(opened))
     made = {**made, "pictures": shots(opened, made["start"])}
-    return {**made, "damaged": sorted(opened.damaged)}
+    return {**made, "sections": sections(opened), "damaged": sorted(opened.damaged)}
 
 
 def about_stages(opened: Opened) -> Mapping[str, Mapping[str, str]]:

@@ -30,7 +30,7 @@ class Appearance:
     """How the arrays of one variable are seen. It travels to where they are computed.
 
     ``matrix``: (3, planes) from what stands in front of y and x to linear sRGB; None: the first three planes, or one as grey. ``tints``:
-    (rows, columns, 3) of one period of a mosaic from its first pixel. ``grey``: whether numbers are shown as a map.
+    (rows, columns, 3) of one period of a pattern from its first pixel. ``grey``: whether numbers are shown as a map.
     """
 
     drawn: Drawn
@@ -99,7 +99,7 @@ def appearance(
     edges : (bands + 1) array, nm
         Of light.
     channels : names of planes
-    first : row and column of the sensor with which a mosaic begins
+    first : row and column of the pattern with which an array begins
     """
     front, plane = tuple(dims[:-2]), tuple(dims[-2:])
     if plane != ("y", "x") or len(front) > 1 or not set(front) <= set(kinds.flat_dims()):

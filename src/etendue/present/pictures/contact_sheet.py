@@ -42,8 +42,9 @@ class _Tile:
 def contact_sheet(table: Mapping[str, Any], path: Path, title: str, maps: Sequence[Any] = ()) -> None:
     """All frames in order, each with its stage, variable and true size, as one PNG. Written whole or not at all.
 
-    Frames stand at a whole number of dots per sample where they are enlarged, and so does the mosaic: resampled by anything else it
-    shows a moire that is not in it. Pictures on a finer grid are made as large as those of the pixels. ``maps``: (y, x, 3) bytes each.
+    Frames stand at a whole number of dots per sample where they are enlarged, and so does what has a pattern: resampled by anything
+    else it shows a moire that is not in it. Pictures on a finer grid are made as large as those of the pixels. ``maps``: (y, x, 3)
+    bytes each.
     """
     tiles = _tiles(table)
     wide, high = max(t.picture.shape[1] for t in tiles), max(t.picture.shape[0] for t in tiles)

@@ -45,7 +45,7 @@ def fitted(picture: Any, decode: Decode = as_float) -> Any:
 
 
 def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
-    """`fitted` of a mosaic in the colours of its filters, (3, y', x'): each pixel is added to the colours that it has."""
+    """`fitted` of a plane in the colours of its pattern, (3, y', x'): each pixel is added to the colours that it has."""
     if max(plane.shape) <= LARGEST:
         return coloured(decode(plane), tints)
     gathered = Tinted(plane.shape, tints, decode)
@@ -54,7 +54,7 @@ def tinted(plane: Any, tints: Any, decode: Decode) -> Any:
 
 
 def coloured(plane: Any, tints: Any, row: int = 0) -> Any:
-    """(3, y, x): a mosaic each of whose pixels has the colour of its filter; the plane begins at a row of the whole."""
+    """(3, y, x): a plane each of whose pixels has the colour of its pattern; the plane begins at a row of the whole."""
     (y, x), (height, width) = plane.shape, tints.shape[:2]
     tiled = tints[np.ix_((row + np.arange(y)) % height, np.arange(x) % width)]
     return np.moveaxis(tiled, -1, 0) * plane

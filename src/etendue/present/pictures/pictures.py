@@ -18,6 +18,8 @@ import numpy as np
 
 from etendue.contract.drawn import Drawn, Pictured
 from etendue.contract.ports import Sheet
+from etendue.contract.quantities import declared
+from etendue.contract.wording import first
 from etendue.plan.drawn import drawn_of
 from etendue.plan.model import Cell, CellRef, Plan
 from etendue.present.pictures.appearance import as_bytes, seen, whites_of
@@ -111,12 +113,13 @@ def same_pictures(folder: Path, maps: Callable[[], list[Any]]) -> Sheet | None:
 
 
 def _shared(plan: Plan) -> str:
-    """What of the shared quantities is not swept, behind the axis values of a title."""
+    """What would go first along a side and is not swept, behind the axis values of a title."""
     swept, texts = {axis.key for axis in plan.axes} | {name for node in plan.nodes for name in node.writes}, []  # or found by a stage
-    for name, unit in (("f_number", ""), ("pixel_pitch", " um"), ("integration_time", " s")):
+    for name in first("sides"):
         value = plan.shared.get(name)
         if name not in swept and isinstance(value, int | float) and not isinstance(value, bool):
-            texts.append(f"{name} {value:.4g}{unit}")
+            unit = declared(name).units
+            texts.append(f"{name} {value:.4g}{'' if unit == '1' else f' {unit}'}")
     return f"{',' if plan.axes else ' at'} {', '.join(texts)}" if texts else ""
 
 

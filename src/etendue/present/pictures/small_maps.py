@@ -15,15 +15,13 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.variables import variable as known
+from etendue.contract.wording import first
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, CellRef, Node, Plan
 from etendue.plan.shown import shown_cells
 from etendue.present.pictures.contact_sheet import font
 
-PREFERRED = ("effective_lp_mm", "mtf50_lp_mm", "mean_snr", "dr_elgamal", "clipped_fraction", "snr_18", "limiting_factor")
-SAME = {"mtf50_lp_mm": "effective_lp_mm"}  # where there is the second the first says little more
 MOST, LONGEST = 4, 20  # maps, and values along a side: of more some are left out
-SIDES = ("f_number", "pixel_pitch", "integration_time")  # which axes stand along x and y where there are several
 WIDE, HIGH, LETTERS = 46, 24, 12  # dots of a cell, and of its letters
 VIRIDIS = np.array([  # matplotlib's, at eighths
     (68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129), (92, 200, 99), (170, 220, 50),
@@ -48,20 +46,20 @@ class SmallMap:
 
 
 def small_maps(plan: Plan) -> list[SmallMap]:
-    """Which maps stand on the sheet of a sweep: of resolution, noise, range, what limits; else of whatever figures there are."""
+    """Which maps stand on the sheet of a sweep: of what goes first; else of whatever figures there are."""
     found: dict[str, SmallMap] = {}
     for node in reversed(plan.nodes):
         for name, declared in node.writes.items():
             plain = declared.dims in ((), ("stage",)) and (node.name, name) in plan.kept and not known(name).counted
             if plain and name not in found and (one := _map(plan, node, name)) is not None:
                 found[name] = one
-    order = [name for name in PREFERRED if name in found and SAME.get(name) not in found] or list(found)
+    order = [name for name in first("sheet") if name in found and known(name).instead not in found] or list(found)
     return [found[name] for name in order[:MOST]]
 
 
 def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
     axes = [plan.axis(dim) for dim in node.axes]
-    rank = {key: place for place, key in enumerate(SIDES)}
+    rank = {key: place for place, key in enumerate(first("sides"))}
     varying = sorted((a for a in axes if len(a.values) > 1), key=lambda a: rank.get(a.key, len(rank)))[:2]
     if not varying:
         return None
@@ -77,7 +75,8 @@ def _map(plan: Plan, node: Node, name: str) -> SmallMap | None:
     sides = tuple((axis.key, tuple(axis.values[i] for i in chosen[axis.dim]), axis.units or "") for axis in varying)
     names: tuple[str, ...] = ()
     if known(name).index:
-        factors = next((grid["factor"] for grid in plan.cells[refs[0]].grids.values() if "factor" in grid), None)
+        dim = known(name).names
+        factors = next((grid[dim] for grid in plan.cells[refs[0]].grids.values() if dim in grid), None)
         names = tuple(map(str, factors.values())) if factors else ()
     return SmallMap(node.name, name, node.writes[name].unit, sides, tuple(refs), at, names, not_in_it(plan, node, name))
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.dims import banded
 from etendue.contract.seen import flat_dims
 from etendue.contract.variables import variable as known
 from etendue.plan.drawn import drawn_of
@@ -186,6 +187,6 @@ def _view(plan: Plan, cell: Cell, variable: str) -> _View | None:
     dims = plan.node(cell.node).writes[variable].dims
     middles = sum(dim not in flat_dims() for dim in dims[:-2])
     first = (round(grid.line("y").start), round(grid.line("x").start)) if drawn.pattern else (0, 0)
-    edges = grid.bands().edges if "wavelength" in dims else None
+    edges = grid.bands().edges if banded(dims) else None
     seen = appearance(drawn, dims[middles:], edges, grid["channel"].values() if "channel" in dims else (), first)
     return None if seen is None else _View(seen, middles, edges is not None)

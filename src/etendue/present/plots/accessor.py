@@ -1,4 +1,4 @@
-"""Plots on xarray's own objects: ``tree.etendue.plot.map("mean_snr")``, ``dataset.etendue.plot()``, ``array.etendue.show()``.
+"""Plots on xarray's own objects: ``tree.etendue.plot.map("mean_level")``, ``dataset.etendue.plot()``, ``array.etendue.show()``.
 
 In:  a ``DataTree`` or ``Dataset`` of an archive or of a run in memory; a ``DataArray`` of it.
 Out: a ``Plot``. Importing this file registers the accessors; ``etendue.simulate`` and ``etendue.show`` do so, and where etendue is
@@ -17,9 +17,10 @@ import xarray
 from etendue.calls import called, called_methods
 from etendue.errors import RequestError
 from etendue.present.plots import glance_page
+from etendue.present.plots.asked import Asked
 from etendue.present.plots.glance import glance
 from etendue.present.plots.holdings import Holdings
-from etendue.present.plots.kinds import KINDS, Asked, draw, listed
+from etendue.present.plots.kinds import draw, kinds, listed
 from etendue.present.plots.opening import opened
 from etendue.present.plots.places import resolved_in
 from etendue.present.plots.plot import Plot
@@ -33,7 +34,7 @@ class Plots:
     """``tree.etendue.plot``: called, what fits; by kind, ``.map(...)``, ``.curves(...)``, ``.pareto(...)``, ``.strip()``.
 
     Words of every kind: names of variables in order; ``x``, ``y``, ``lines``, ``panels``, ``better``; values of axes by name
-    (``f_number=2.8``, ``stage="pixel"``), or in ``at`` where a name is taken.
+    (``gain=2.8``, ``stage="filter"``), or in ``at`` where a name is taken.
     """
 
     def __init__(self, tree: xarray.DataTree | xarray.Dataset) -> None:
@@ -47,12 +48,12 @@ class Plots:
         return draw(Holdings(self._tree), kind, Asked(figures, panels=panels, better=better, at=at, **own))
 
     def __getattr__(self, kind: str) -> Any:
-        if kind not in KINDS:
-            raise AttributeError(f"no kind of plot {kind!r}; there are {', '.join(KINDS)}")
+        if kind not in kinds():
+            raise AttributeError(f"no kind of plot {kind!r}; there are {', '.join(kinds())}")
         return partial(self, kind)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *KINDS]
+        return [*super().__dir__(), *kinds()]
 
 
 @called_methods
@@ -74,7 +75,7 @@ class TreeAccessor:
         return Plots(self._tree)
 
     def show(self, variable: str = "", **at: Any) -> Plot:
-        """One picture of one cell, upright: ``tree.etendue.show("rgb_display", f_number=2.8)``."""
+        """One picture of one cell, upright: ``tree.etendue.show("picture", gain=2.8)``."""
         return Plots(self._tree)("show", *([variable] if variable else []), **at)
 
     def list(self) -> dict[str, Any]:

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from etendue.contract.wording import first, prefix
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.holdings import Held
 from etendue.present.plots.labels import name_text, value_text
 
 MOST_PANELS = 16
-FIRST = ("f_number", "pixel_pitch", "integration_time")  # which of several axes goes along a side: the first x, the second y
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Dim:
     def text(self, value: Any) -> str:
         """A value with its unit; with the name of the dim where the unit does not tell it."""
         text = value_text(value, self.units, self.name)
-        bare = not isinstance(value, str) and self.units in ("", "1") and not self.name.endswith("f_number")
+        bare = not isinstance(value, str) and self.units in ("", "1") and not prefix(self.name)
         return f"{self.name.replace('_', ' ')} {text}" if bare else text
 
     @property
@@ -77,7 +77,7 @@ def dims_of(held: Sequence[Held], counted: bool = False) -> list[Dim]:
                 values.sort()
             found[dim] = Dim(dim, tuple(values), one.units_of(dim))
     axes = {dim for one in held for dim in one.axes}
-    rank = {name: place for place, name in enumerate(FIRST)}
+    rank = {name: place for place, name in enumerate(first("sides"))}
     return sorted(found.values(), key=lambda dim: (dim.name not in axes, rank.get(dim.name, len(rank))))
 
 

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.wording import words as called
 from etendue.errors import RequestError
+from etendue.plugins.shares import shared_out
 from etendue.present.plots.holdings import Holdings
 from etendue.present.plots.labels import number_text
 from etendue.present.plots.plot import Plot, new_figure
@@ -20,8 +22,8 @@ COLUMNS = ("stage", "cells", "failed", "left_out", "approximated", "seconds", "s
 
 
 def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: str = "") -> Plot:
-    """Thread time, stated error and omissions by stage; with ``blame``, the document of ``etendue losses``, also what each is
-    owed of them in the camera at a ``place`` of the sweep.
+    """Thread time, stated error and omissions by stage; with ``blame``, a document of ``etendue_shares``, also what each is owed of
+    losses at a ``place`` of the sweep.
 
     Raises
     ------
@@ -86,13 +88,14 @@ def budget(holdings: Holdings, blame: Mapping[str, Any] | None = None, place: st
         axes.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.04 - 0.5 / max(len(rows), 4)), ncols=2)
     figure.suptitle(f"{holdings.pipeline + ': ' if holdings.pipeline else ''}time, error and omissions by stage", fontsize=10)
     if blame is None:
-        return Plot(whole, COLUMNS, rows, ["which stage loses contrast, SNR and colour: --blame"])
+        return Plot(whole, COLUMNS, rows, [f"which stage loses {called()['lost']}: --blame"] if shared_out() else [])
     for axes, loss in zip(np.atleast_1d(second.subplots(1, len(losses))) if second is not None else (), losses, strict=True):
         _draw_loss(axes, loss)
     if second is not None and place:
         second.suptitle(f"what each stage is owed of the losses, at {place}", fontsize=10)
     where = f" at {place}" if place else ""
-    notes = [f"no losses{where}: {blame['why']}"] if blame.get("why") else [f"losses are those of the camera{where}"] if place else []
+    notes = [f"no losses{where}: {blame['why']}"] if blame.get("why") else []
+    notes += [f"losses are those of the {called()['cell']}{where}"] if place and not notes else []
     notes += map(str, blame["notes"])
     return Plot(whole, (*COLUMNS, *(f"{loss['what'].lower()}_share" for loss in losses)), _with_shares(rows, losses), notes)
 
@@ -110,7 +113,7 @@ def _draw_loss(axes: Any, loss: Mapping[str, Any]) -> None:
     axes.set_yticks(place, names, fontsize=7.5)
     axes.invert_yaxis()
     axes.axvline(0, color="0.4", linewidth=0.8)
-    axes.set_title(f"{loss['what']}: {loss['camera']:.3g}, ideal {loss['ideal']:.3g}\n({loss['figure']})", fontsize=8.5)
+    axes.set_title(f"{loss['what']}: {loss['value']:.3g}, ideal {loss['ideal']:.3g}\n({loss['figure']})", fontsize=8.5)
     axes.set_xlabel("share of what is lost, %; below 0: wins back", fontsize=7.5)
     axes.tick_params(labelsize=7.5, length=2)
     axes.grid(axis="x", color="0.93")
@@ -131,7 +134,7 @@ def _with_shares(rows: list[list[Any]], losses: Sequence[Mapping[str, Any]]) -> 
 
 
 def by_stage(holdings: Holdings) -> list[list[Any]]:
-    """A row for each stage, in the order of the light: as ``COLUMNS`` says.
+    """A row for each stage, in their order: as ``COLUMNS`` says.
 
     Raises
     ------

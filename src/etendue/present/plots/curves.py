@@ -1,7 +1,8 @@
-"""Curves: a variable over its own dim (frequency, wavelength, signal), or a figure over an axis of the sweep.
+"""Curves: a variable over its own dim, such as frequency or signal, or a figure over an axis of the sweep.
 
 In:  holdings, the name of a variable, what runs along x, which dim is told apart by lines and which by panels.
-Out: a ``Plot``; over frequency the Nyquist frequency stands as a line, where the archive has one in the same unit.
+Out: a ``Plot``; where an axis ends for good, as frequency does at that of Nyquist, a line stands: half a cycle a pixel, or what a
+variable with an ``end`` says in the same unit.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from etendue.contract.variables import variable as known
+from etendue.contract.wording import first
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.arrangement import Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -21,9 +24,8 @@ from etendue.present.plots.panels import wrapped
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot, new_figure
 
-PREFERRED = ("mtf", "esfr")
 MOST_LINES, MOST_PANELS = 12, 9
-NYQUIST = ("nyquist_frequency", "nyquist", "nyquist_lp_mm")
+NYQUIST = "Nyquist"
 PER_PIXEL = ("pixel-1", "cycles/pixel")
 
 
@@ -52,7 +54,7 @@ def curves(
     figure, grid = _figure(place.panels)
     columns = [*place.fixed, *(dim.name for dim in place.panels), *([hue.name] if hue else []), beside or along, held.variable]
     rows: list[list[Any]] = []
-    units, title, log = "", "", False
+    units, title, ended, log = "", "", "", False
     for axes, where in zip(grid, product(*(dim.values for dim in place.panels)), strict=True):
         own = {**place.fixed, **dict(zip((dim.name for dim in place.panels), where, strict=True))}
         colours, seen = _colours(hue), set()
@@ -66,10 +68,11 @@ def curves(
             axes.plot(xs, ys, color=colour, label=text, linewidth=1.4, **({"marker": "o", "markersize": 3.5} if len(xs) <= 24 else {}))
             rows += [[*full.values(), float(a), float(b)] for a, b in zip(xs, ys, strict=True)]
             log = log or (along in held.axes and _dim(dims, along).spread)
-            nyquist = _nyquist(holdings, held, full, units)
-            if nyquist is not None and nyquist not in seen:
-                seen.add(nyquist)
-                axes.axvline(nyquist, color="0.6", linestyle="--", linewidth=0.9, zorder=0)
+            end = _end(holdings, held, full, units)
+            if end is not None and end not in seen:
+                seen.add(end)
+                ended = end[1]
+                axes.axvline(end[0], color="0.6", linestyle="--", linewidth=0.9, zorder=0)
         axes.set_title(", ".join(dim.text(v) for dim, v in zip(place.panels, where, strict=True)), fontsize=9)
         axes.grid(color="0.93")
         axes.tick_params(labelsize=7.5)
@@ -79,19 +82,18 @@ def curves(
         if log:
             axes.set_xscale("log")
             _plain_ticks(axes, [v for v in _dim(dims, along).values])
-        if held.variable.startswith(("mtf", "esfr")) and held.units == "1":
+        if held.known.base and held.units == "1":
             axes.axhline(0, color="0.8", linewidth=0.7, zorder=0)
     grid[0].set_ylabel(wrapped(f"{held.title}{f', {unit}' if unit else ''}", 3.4), fontsize=8.5)
     words = f"{holdings.pipeline}: {held.title}" if holdings.pipeline else held.title
     figure.suptitle(wrapped(f"{words}, at {place.at}" if place.at else words, figure.get_figwidth()), fontsize=10)
-    dashed = any(line.get_linestyle() == "--" for axes in grid for line in axes.lines)
-    _legend(figure, grid[0], dashed)
+    _legend(figure, grid[0], ended)
     return Plot(figure, columns, rows)
 
 
 def _preferred(holdings: Holdings) -> Held:
     found = holdings.of_kind("curve")
-    for name in PREFERRED:
+    for name in first("curves"):
         for one in reversed(found):
             if one.variable == name:
                 return one
@@ -107,7 +109,7 @@ def _along(held: Held, x: str, free: Sequence[str], dims: Sequence[Dim]) -> tupl
         axes = [dim for dim in dims if len(dim.values) > 1 and dim.counted]
         if not axes:
             raise RequestError(f"{held.name} has one value along every axis: there is no curve in it")
-        return max(axes, key=lambda dim: (dim.name == "integration_time", len(dim.values))).name if len(axes) > 1 else axes[0].name, ""
+        return max(axes, key=lambda dim: (dim.name in first("along"), len(dim.values))).name if len(axes) > 1 else axes[0].name, ""
     if x in free or x in [dim.name for dim in dims]:
         if free and x not in free:
             raise RequestError(f"--x {x}: {held.name} runs over {free[0]}; a coordinate along it may stand there")
@@ -140,20 +142,19 @@ def _x_of(held: Held, along: str, beside: str, at: Mapping[str, Any]) -> tuple[A
     raise RequestError(f"{beside} is not known at these values")
 
 
-def _nyquist(holdings: Holdings, held: Held, at: Mapping[str, Any], units: str) -> float | None:
-    """The Nyquist frequency of a line's camera in the unit of x; None where that is no frequency or nobody says."""
+def _end(holdings: Holdings, held: Held, at: Mapping[str, Any], units: str) -> tuple[float, str] | None:
+    """Where x ends for a line in its unit, and what that is called; None where it goes on, or nobody says."""
     if units in PER_PIXEL:
-        return 0.5
+        return 0.5, NYQUIST
     group = held.groups[0]
-    for name in NYQUIST:
-        for one in [h for h in holdings if h.variable == name and h.units == units and not h.dims]:
-            own = {d: v for d, v in at.items() if d in one.axes}
-            if set(one.axes) <= set(own):
-                return float(one.values(own))
-        if name in group.coords and str(group[name].attrs.get("units", "")) == units:
-            array = group[name]
-            if set(map(str, array.dims)) <= set(at):
-                return float(array.sel({d: at[str(d)] for d in array.dims}))
+    for one in [h for h in holdings if h.known.end and h.units == units and not h.dims]:
+        own = {d: v for d, v in at.items() if d in one.axes}
+        if set(one.axes) <= set(own):
+            return float(one.values(own)), one.known.end
+    for name, array in group.coords.items():
+        end = known(str(name)).end
+        if end and str(array.attrs.get("units", "")) == units and set(map(str, array.dims)) <= set(at):
+            return float(array.sel({d: at[str(d)] for d in array.dims})), end
     return None
 
 
@@ -188,11 +189,11 @@ def _plain_ticks(axes: Any, values: Sequence[float]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(figure: Any, axes: Any, dashed: bool) -> None:
+def _legend(figure: Any, axes: Any, ended: str) -> None:
     from matplotlib.lines import Line2D
 
     handles, _ = axes.get_legend_handles_labels()
-    if dashed:
-        handles = [*handles, Line2D([], [], color="0.6", linestyle="--", linewidth=0.9, label="Nyquist")]
+    if ended:
+        handles = [*handles, Line2D([], [], color="0.6", linestyle="--", linewidth=0.9, label=ended)]
     if handles:
         figure.legend(handles=handles, loc="outside right center", fontsize=8, frameon=False)

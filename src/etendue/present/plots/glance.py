@@ -25,6 +25,7 @@ from etendue.archive.owner import is_running
 from etendue.archive.provenance import latest_record
 from etendue.archive.vouched import open_archive
 from etendue.contract.drawn import Pictured
+from etendue.contract.wording import first
 from etendue.errors import ArchiveError, EtendueError
 from etendue.present.plots import pictures
 from etendue.present.plots.glance_cells import counts_of, failed_cells, omitted_cells, stages_of, state_of
@@ -33,10 +34,6 @@ from etendue.present.plots.kinds import shown_at
 from etendue.present.plots.labels import places_text, unit_text, value_text
 from etendue.present.plots.strip import Tile, drawn_of, of_frames, picture_of
 
-FIRST = (
-    "effective_lp_mm", "edge_effective_lp_mm", "mtf50_lp_mm", "mean_snr", "snr_18", "dr_elgamal", "clipped_fraction", "airy_diameter",
-    "fit_residual",
-)  # fmt: skip
 MOST_FIGURES, MOST_PICTURES, MOST_ROWS, MOST_VALUES = 6, 24, 8, 8
 RANGED = 50_000  # cells of a figure, up to which its least and most are read
 LARGEST = 16 * 2**20  # numbers of an array that is made small for its picture
@@ -239,12 +236,13 @@ def _is_finished(one: Held, at: Mapping[str, Any]) -> bool:
 
 
 def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
-    """Resolution, noise and range first; then what else is one number a cell."""
+    """What goes first; then what else is one number a cell."""
     able: dict[str, Held] = {}
     for one in holdings.of_kind("figure"):
-        if one.dims in ((), ("stage",)) and not one.known.counted and not one.known.index and one.variable != "clipping_level":
+        if one.dims in ((), ("stage",)) and not one.known.counted and not one.known.index and not one.known.quiet:
             able[one.variable] = one
-    names = [*(name for name in FIRST if name in able), *(name for name in able if name not in FIRST and able[name].axes)]
+    front = first("glance")
+    names = [*(name for name in front if name in able), *(name for name in able if name not in front and able[name].axes)]
     found = []
     for one in (able[name] for name in names):
         behind = f" behind {one.values_of('stage')[-1]}" if one.dims else ""
@@ -267,7 +265,7 @@ def _figures(holdings: Holdings, at: Mapping[str, Any]) -> list[Figure]:
 
 
 def _placed(title: str, behind: str) -> str:
-    """The stage goes before what a figure leaves out: 'MTF50 behind pixel, without sharpen'."""
+    """The stage goes before what a figure leaves out: 'level behind filter, without sharpen'."""
     name, without, rest = title.partition(", without ")
     return f"{name}{behind}{without}{rest}"
 
@@ -317,10 +315,12 @@ def _going_on(place: str, folder: Path | None, state: str) -> list[tuple[str, st
 def _commands(holdings: Holdings, place: str, at: Mapping[str, Any]) -> list[tuple[str, str]]:
     """In Python for any tree; as commands for what is stored."""
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
-    named = next((one.variable for name in FIRST for one in varying if one.variable == name), varying[-1].variable if varying else "")
+    named = next(
+        (one.variable for name in first("glance") for one in varying if one.variable == name), varying[-1].variable if varying else ""
+    )
     pictured = {one.variable: one for one in holdings.of_kind("picture")}
-    first = [name for name in ("rgb_display", "rgb_linear", "xyz_display", "raw") if name in pictured]
-    picture = next((name for name in (*first, *reversed(pictured)) if _is_finished(pictured[name], at)), "")
+    front = [name for name in first("picture") if name in pictured]
+    picture = next((name for name in (*front, *reversed(pictured)) if _is_finished(pictured[name], at)), "")
     found = [(f'tree.etendue.plot.map("{named}")', "a figure over the sweep")] if named else []
     found += [("tree.etendue.plot.strip()", "every stage, with a part enlarged")] if picture or holdings.table("frames") is not None else []
     if picture:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
+from etendue.contract.wording import words as called
 from etendue.present.plots.glance import MOST_PICTURES, MOST_ROWS, Figure, Glance
 from etendue.present.plots.strip import Tile
 from etendue.present.terminal.html_tables import table
@@ -119,12 +120,12 @@ def _seconds(saved: float) -> str:
 
 
 def _strip(tiles: Sequence[Tile], at: str) -> str:
-    """Small pictures beside each other, in the order of the light."""
+    """Small pictures beside each other, in the order of the stages."""
     shown = [
         f"<figure{_style('margin:0;flex:0 0 auto;max-width:10.5em')}>{_image(one)}{_caption(one)}</figure>" for one in tiles[:MOST_PICTURES]
     ]
     left = f"<div>and {len(tiles) - MOST_PICTURES} more pictures</div>" if len(tiles) > MOST_PICTURES else ""
-    title = f"From scene light to display{', at ' + at if at else ''}"
+    title = f"{called()['strip']}{', at ' + at if at else ''}"
     return (
         f'<div style="margin-top:.6em"><b>{safe(title)}</b></div>'
         f'<div style="display:flex;flex-wrap:wrap;gap:8px 10px;align-items:flex-end;margin:.3em 0">{"".join(shown)}</div>{left}'

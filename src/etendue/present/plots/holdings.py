@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from etendue.archive.layout import BOUNDS
 from etendue.contract.names import TABLES
 from etendue.contract.variables import Variable, without
 from etendue.contract.variables import variable as known
@@ -22,7 +23,7 @@ from etendue.present.plots.labels import title_text
 PLANE = ("y", "x")
 FINISHED = (0, 1)  # of status: done, left out
 FAILED = (2, 3)  # failed, skipped
-BESIDE = ("status", "wavelength_bounds")
+BESIDE = ("status", BOUNDS)
 ANY = "ARCHIVE"
 KINDS = ("figure", "curve", "picture", "other")
 
@@ -247,7 +248,7 @@ class Holdings:
 
 
 def _stages(tree: xarray.DataTree) -> list[tuple[str, list[xarray.Dataset]]]:
-    """Stages in the order of the light, each with its groups that hold something."""
+    """Stages in their order, each with its groups that hold something."""
     found = []
     tops = [child for name, child in tree.children.items() if name not in TABLES] or [tree]
     if "status" in tree.data_vars or (tree.data_vars and not tree.children):  # a stage alone

@@ -1,4 +1,4 @@
-"""The kinds of plots, by name, and what is drawn when none is named.
+"""The kinds of plots, by name: the engine's own and those that distributions bring by ``etendue_plots``; and what is drawn by default.
 
 In:  holdings, a kind, figures, what was asked for.
 Out: a ``Plot``; lists of what there is.
@@ -6,47 +6,76 @@ Out: a ``Plot``; lists of what there is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import EntryPoint
 from typing import Any
 
-from etendue.errors import RequestError, nearest
-from etendue.present.plots.budget import budget
-from etendue.present.plots.curves import curves
+from etendue.errors import PluginError, RequestError, nearest
+from etendue.plugins import discovery
+from etendue.present.plots.asked import Asked
 from etendue.present.plots.holdings import KINDS as HELD
 from etendue.present.plots.holdings import Held, Holdings
-from etendue.present.plots.labels import places_text, unit_text, value_text
-from etendue.present.plots.maps import factor_map, figure_map
-from etendue.present.plots.pareto import pareto
+from etendue.present.plots.labels import unit_text, value_text
 from etendue.present.plots.places import dim_of
 from etendue.present.plots.plot import Plot
-from etendue.present.plots.strip import show, strip
 
-KINDS = {
-    "map": "a figure over two axes, its number in every cell; further axes as panels",
-    "curves": "a variable over its own dim (frequency, wavelength), or a figure over an axis",
-    "pareto": "two figures against each other, and the front, named",
-    "limits": "which factor limits resolution where",
-    "strip": "all stages of one cell as pictures, each with a part enlarged; or one variable over an axis",
-    "show": "one picture of one cell",
-    "budget": "run time, stated error and omissions by stage",
-}
-TAKES = {"map": 1, "curves": 1, "pareto": 2, "limits": 1, "strip": 1, "show": 1, "budget": 0}  # names of variables, at most
+_HERE = "etendue.present.plots.asked"
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What was asked for beside the kind; '' and (): as fits."""
+class Kind:
+    """``place``: ``module:function`` of (holdings, asked), which gives a ``Plot`` or a figure of matplotlib; ``takes``: names of variables,
+    at most; ``uses``: what else of `Asked` it goes by; ``index``: it is what a variable is drawn as that points into names."""
 
-    figures: tuple[str, ...] = ()
-    x: str = ""
-    y: str = ""
-    lines: str = ""
-    panels: tuple[str, ...] = ()
-    better: tuple[str, ...] = ()
-    at: Mapping[str, Any] = field(default_factory=dict)
-    blame: Mapping[str, Any] | None = None  # of a budget: the document of `etendue losses`
-    blamed_at: Mapping[str, Any] | None = None  # the axis values of the cell that it is of; None: of the one whose pictures there are
+    place: str
+    takes: int = 1
+    doc: str = ""
+    uses: tuple[str, ...] = ()
+    index: bool = False
+
+
+OWN = {
+    "map": Kind(
+        f"{_HERE}:map_of", 1, "a figure over two axes, its number in every cell; further axes as panels", ("x", "y", "panels", "at")
+    ),
+    "curves": Kind(
+        place=f"{_HERE}:curves_of",
+        doc="a variable over its own dim, such as frequency, or a figure over an axis",
+        uses=("x", "lines", "panels", "at"),
+    ),
+    "pareto": Kind(f"{_HERE}:front_of", 2, "two figures against each other, and the front, named", ("better", "at")),
+    "strip": Kind(
+        f"{_HERE}:strip_of", 1, "all stages of one cell as pictures, each with a part enlarged; or one variable over an axis", ("at",)
+    ),
+    "show": Kind(f"{_HERE}:picture_of", 1, "one picture of one cell", ("at",)),
+    "budget": Kind(f"{_HERE}:budget_of", 0, "run time, stated error and omissions by stage", ("blame",)),
+}
+WORDS = ("x", "y", "lines", "panels", "better")  # of `Asked`, that not every kind goes by
+
+
+@cache
+def kinds() -> Mapping[str, Kind]:
+    """All kinds by name. The engine's own go before others of the same name; what cannot be read is left out."""
+    every, found = discovery.installed(), dict(OWN)
+    for name in every.names("plots"):
+        for one in every.all("plots", name)[:1]:
+            try:
+                found.setdefault(name, discovery.made_of(Kind, f"the kind of plot {name!r}", one))
+            except PluginError:
+                continue
+    return found
+
+
+@cache
+def _function(kind: str) -> Callable[[Holdings, Asked], Any]:
+    place = kinds()[kind].place
+    if kind in OWN:
+        return EntryPoint(kind, place, "").load()  # type: ignore[no-any-return]
+    with discovery.foreign(f"the kind of plot {kind!r} cannot be loaded"):
+        found: Callable[[Holdings, Asked], Any] = EntryPoint(kind, place, "").load()
+    return found
 
 
 def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot:
@@ -56,36 +85,21 @@ def draw(holdings: Holdings, kind: str = "", asked: Asked | None = None) -> Plot
     ------
     RequestError
         No such kind, figure, axis or value.
+    PluginError
+        A kind that a distribution brings cannot be loaded, or gives no plot.
     """
     asked = _by_dims(holdings, asked or Asked())
     kind, figures = kind_of(holdings, kind, asked.figures)
-    if len(figures) > TAKES[kind]:
-        raise RequestError(
-            f"{kind} draws {TAKES[kind] or 'no'} {'variable' if TAKES[kind] == 1 else 'variables'}, not {', '.join(figures)}"
-        )
+    takes = kinds()[kind].takes
+    if len(figures) > takes:
+        raise RequestError(f"{kind} draws {takes or 'no'} {'variable' if takes == 1 else 'variables'}, not {', '.join(figures)}")
     _refuse_unused(kind, asked)
-    first, second = (*figures, "", "")[:2]
-    middle = shown_at(holdings)
-    if kind in ("map", "limits"):
-        return {"map": figure_map, "limits": factor_map}[kind](holdings, first, asked.x, asked.y, asked.panels, asked.at, middle)
-    if kind == "curves":
-        return curves(holdings, first, asked.x, asked.lines, asked.panels, asked.at, middle)
-    if kind == "pareto":
-        return pareto(holdings, first, second, asked.better, asked.at)
-    if kind == "budget":
-        place = middle if asked.blamed_at is None else asked.blamed_at
-        return budget(holdings, asked.blame, places_text(dict(place), {dim: one.units_of(dim) for one in holdings for dim in one.axes}))
-    stage, _, variable = first.rpartition(".")
-    return {"strip": strip, "show": show}[kind](holdings, variable, stage, asked.at)
-
-
-USES = {
-    "x": ("map", "limits", "curves"),
-    "y": ("map", "limits"),
-    "lines": ("curves",),
-    "panels": ("map", "limits", "curves"),
-    "better": ("pareto",),
-}
+    made = _function(kind)(holdings, replace(asked, figures=figures, middle=shown_at(holdings)))
+    if isinstance(made, Plot):
+        return made
+    if not hasattr(made, "savefig"):
+        raise PluginError(f"the kind of plot {kind!r} gives {type(made).__name__}; expected a figure of matplotlib")
+    return Plot(made)
 
 
 def _by_dims(holdings: Holdings, asked: Asked) -> Asked:
@@ -98,33 +112,33 @@ def _by_dims(holdings: Holdings, asked: Asked) -> Asked:
 
 
 def _refuse_unused(kind: str, asked: Asked) -> None:
-    for name, kinds in USES.items():
-        if getattr(asked, name) and kind not in kinds:
-            raise RequestError(f"--{name} is for {' and '.join(kinds)}, not for {kind}")
-    if asked.at and kind == "budget":
-        raise RequestError("a budget is of all cells: leave out --at")
+    for name in WORDS:
+        if getattr(asked, name) and name not in kinds()[kind].uses:
+            raise RequestError(f"--{name} is for {' and '.join(k for k, one in kinds().items() if name in one.uses)}, not for {kind}")
+    if asked.at and "at" not in kinds()[kind].uses:
+        raise RequestError(f"a {kind} is of all cells: leave out --at")
 
 
 def kind_of(holdings: Holdings, kind: str, figures: Sequence[str] = ()) -> tuple[str, tuple[str, ...]]:
     """The kind that is meant: as it is named, as the variable suggests that stands in its place, or what the archive holds most of."""
-    if kind in KINDS:
+    if kind in kinds():
         return kind, tuple(figures)
     if kind:  # the name of a variable in the place of a kind
         named = [one for one in holdings if kind in (one.variable, one.name)]
         if not named:
-            names = [*KINDS, *(one.variable for one in holdings)]
+            names = [*kinds(), *(one.variable for one in holdings)]
             raise RequestError(
-                f"{kind!r} is no kind of plot ({', '.join(KINDS)}) and no variable here{nearest(kind, names)}; "
+                f"{kind!r} is no kind of plot ({', '.join(kinds())}) and no variable here{nearest(kind, names)}; "
                 f"etendue plot {holdings.archive} --list"
             )
         figures = (kind, *figures)
         if len(figures) == 2:
             return "pareto", tuple(figures)
-        kinds = {one.kind for one in named}
-        if "figure" in kinds:
+        held = {one.kind for one in named}
+        if "figure" in held:
             one = next(one for one in reversed(named) if one.kind == "figure")
-            return ("limits" if one.known.index else "map"), tuple(figures)
-        return ("curves" if "curve" in kinds else "show"), tuple(figures)
+            return next((name for name, own in kinds().items() if own.index and one.known.index), "map"), tuple(figures)
+        return ("curves" if "curve" in held else "show"), tuple(figures)
     varying = [one for one in holdings.of_kind("figure") if any(len(one.values_of(dim)) > 1 for dim in one.axes)]
     if varying:
         return "map", ()
@@ -144,7 +158,7 @@ def listed(holdings: Holdings) -> dict[str, Any]:
     """What there is to be drawn."""
     units = {dim: one.units_of(dim) for one in holdings for dim in one.axes}
     return {
-        "kinds": KINDS,
+        "kinds": {name: kind.doc for name, kind in kinds().items()},
         "axes": {dim: [value_text(v, units[dim], dim) for v in values] for dim, values in holdings.axes.items()},
         "variables": [_said(one) for kind in HELD for one in holdings.of_kind(kind)],
     }

@@ -1,6 +1,6 @@
-"""How axes, values and units are written beside a plot: ``f/2.8``, ``5.4 µm``, ``8 ms``, ``cycles/µm``.
+"""How axes, values and units are written beside a plot: ``5.4 µm``, ``8 ms``, ``cycles/µm``; with a prefix where a quantity has one.
 
-In:  names of dims, values, units as the archive has them (``um-1``, ``electron um-2``).
+In:  names of dims, values, units as the archive has them (``um-1``, ``V um-2``).
 Out: short text.
 """
 
@@ -10,9 +10,12 @@ import math
 import re
 from typing import Any
 
+from etendue.contract import wording
+from etendue.contract.quantities import long_name
+
 SAID = {
     "1": "", "": "", "um-1": "cycles/µm", "mm-1": "lp/mm", "pixel-1": "cycles/pixel", "cycles/um": "cycles/µm", "s": "s", "deg": "°",
-    "electron": "electrons", "electron/s": "electrons/s", "stop": "stops",
+    "stop": "stops",
 }  # fmt: skip
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -23,17 +26,19 @@ def unit_text(units: str) -> str:
     if units in SAID:
         return SAID[units]
     text = re.sub(r"(?<![A-Za-z])um(?![A-Za-z])", "µm", units)
-    text = re.sub(r"\belectron\b", "electrons", text)
+    for name, unit in wording.units().items():
+        if unit.said:
+            text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", unit.said, text)
     return re.sub(r"(?<=[A-Za-zµ])-?\d+", lambda found: found.group().translate(RAISED), text)
 
 
 def value_text(value: Any, units: str = "", dim: str = "") -> str:
-    """A value of an axis with its unit: an f-number as ``f/2.8``, seconds with a prefix."""
+    """A value of an axis with its unit or what its quantity has in front, seconds with a prefix."""
     if isinstance(value, str) or value is None or not _is_number(value):
         return str(value)
     number = float(value)
-    if dim.rpartition(".")[2].endswith("f_number"):
-        return f"f/{number:.4g}"
+    if front := wording.prefix(dim):
+        return f"{front}{number:.4g}"
     if units == "s" and number > 0 and math.isfinite(number):
         factor, prefix = next(((f, p) for f, p in PREFIXES if number >= 0.9995 * f), PREFIXES[-1])
         return f"{number / factor:.4g} {prefix}s"
@@ -45,13 +50,13 @@ def bare_text(value: Any, units: str = "", dim: str = "") -> str:
     """The same without a unit, for ticks beside an axis whose title has it; seconds keep their prefix."""
     if isinstance(value, str) or not _is_number(value):
         return str(value)
-    return value_text(value, units, dim) if units == "s" or dim.endswith("f_number") else f"{float(value):.4g}"
+    return value_text(value, units, dim) if units == "s" or wording.prefix(dim) else f"{float(value):.4g}"
 
 
 def name_text(name: str, units: str = "") -> str:
-    """``pixel_pitch`` in um: ``pixel pitch, µm``. Ticks of f-numbers and of seconds say their unit themselves."""
+    """``pixel_pitch`` in um: ``pixel pitch, µm``. Ticks of seconds say their unit themselves."""
     unit = "" if units == "s" else unit_text(units)
-    words = "f-number" if name == "f_number" else name.replace("_", " ")
+    words = long_name(name).replace("_", " ")
     return f"{words}, {unit}" if unit else words
 
 
@@ -74,7 +79,7 @@ def number_text(value: float, digits: int = 3) -> str:
 
 
 def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
-    """``f/2.8, 5.4 µm, 8 ms``: axis values as a name."""
+    """``5.4 µm, 8 ms``: axis values as a name."""
     texts = []
     for dim, value in places.items():
         unit = units.get(dim, "")
@@ -84,7 +89,7 @@ def places_text(places: dict[str, Any], units: dict[str, str]) -> str:
 
 
 def _says_itself(dim: str, units: str, value: Any) -> bool:
-    return isinstance(value, str) or dim.endswith("f_number") or unit_text(units) not in ("", "°")
+    return isinstance(value, str) or bool(wording.prefix(dim)) or unit_text(units) not in ("", "°")
 
 
 def _is_number(value: Any) -> bool:

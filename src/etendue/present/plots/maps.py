@@ -13,22 +13,21 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.variables import without
+from etendue.contract.wording import first
 from etendue.errors import RequestError
 from etendue.present.plots.arrangement import Arrangement, Dim, arranged, dims_of
 from etendue.present.plots.holdings import Held, Holdings
 from etendue.present.plots.labels import bare_text, unit_text
-from etendue.present.plots.panels import Sides, map_of_names, map_of_numbers
+from etendue.present.plots.panels import Sides, map_of_figures, map_of_names
 from etendue.present.plots.places import resolved
 from etendue.present.plots.plot import Plot
-
-PREFERRED = ("effective_lp_mm", "mtf50_lp_mm", "mean_snr", "dr_elgamal", "snr_18", "clipped_fraction")
 
 
 def figure_map(
     holdings: Holdings, figure: str = "", x: str = "", y: str = "", panels: Sequence[str] = (), at: Mapping[str, Any] | None = None,
     middle: Mapping[str, Any] | None = None,
 ) -> Plot:  # fmt: skip
-    """A map of a figure; ``limiting_factor`` by name. Without ``figure`` a sensible one.
+    """A map of a figure; of an index by name. Without ``figure`` a sensible one.
 
     Raises
     ------
@@ -40,7 +39,7 @@ def figure_map(
         return factor_map(holdings, held.name, x, y, panels, at, middle)
     place = arranged(dims_of([held]), 2, x, y, panels, resolved([held], at or {}), middle=middle)
     values, failed, there = laid_out(held, place)
-    drawn = map_of_numbers(values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there)
+    drawn = map_of_figures(values, _sides(place), _title(held.title, holdings, place), unit_text(held.units), failed=failed, there=there)
     return Plot(drawn, *_table(held, place, values))
 
 
@@ -57,28 +56,28 @@ def factor_map(
     """
     indices = [one for one in holdings.of_kind("figure") if one.known.index]
     if not figure and not indices:
-        raise RequestError("nothing here says what limits: put the stage 'resolution' or 'edge_resolution' into the pipeline and keep it")
+        raise RequestError("nothing here says what limits: no figure is a place in a list of names, such as of factors")
     held = holdings.find(figure, "figure") if figure else indices[-1]
     names = names_of(held)
     if not names:
         raise RequestError(f"{held.name} is a plain number, no index into names; map draws it")
     place = arranged(dims_of([held]), 2, x, y, panels, resolved([held], at or {}), middle=middle)
     values, failed, _ = laid_out(held, place)
-    what = f"what limits resolution{without(held.attrs)}" if held.variable == "limiting_factor" else held.title
+    what = f"{held.known.asks}{without(held.attrs)}" if held.known.asks else held.title
     title = _title(what, holdings, place)
-    drawn = map_of_names(values, names, _sides(place), title, failed)
+    drawn = map_of_names(values, names, _sides(place), title, failed, tints=held.known.tints)
     columns, rows = _table(held, place, values)
     named = [[*row[:-1], names[int(row[-1])] if np.isfinite(row[-1]) else ""] for row in rows]
     return Plot(drawn, columns, named)
 
 
 def preferred(holdings: Holdings) -> Held:
-    """The figure that is drawn when none is named: of resolution, noise, range; one that differs over the sweep."""
+    """The figure that is drawn when none is named: what goes first; one that differs over the sweep."""
     figures = [one for one in holdings.of_kind("figure") if not one.known.counted]
     if not figures:
-        raise RequestError("there are no figures here, only pictures; draw them with strip, or keep a stage such as 'exposure_report'")
+        raise RequestError("there are no figures here, only pictures; draw them with strip, or keep a stage that writes figures")
     varying = [one for one in figures if one.axes] or figures
-    for name in PREFERRED:
+    for name in first("map"):
         for one in reversed(varying):
             if one.variable == name:
                 return one
@@ -89,7 +88,8 @@ def names_of(held: Held) -> list[str]:
     """The names that an index points to: as its attributes say, else the labels that stand beside it."""
     said = str(held.attrs.get("flag_meanings", "")).split()
     group = held.groups[0]
-    beside = [str(name) for name in group["factor"].values.tolist()] if "factor" in group.coords else []
+    dim = held.known.names
+    beside = [str(name) for name in group[dim].values.tolist()] if dim in group.coords else []
     return said or beside
 
 

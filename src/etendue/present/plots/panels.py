@@ -7,7 +7,7 @@ Out: a figure, every cell with its value or its name's colour; cells that failed
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,6 @@ from etendue.present.plots.plot import new_figure
 
 MOST_COLUMNS = 4
 WIDEST = 16.0  # inches of a figure
-FACTOR_COLOURS = {
-    "lens": "#4477aa", "diffusion": "#66ccee", "geometry": "#228833", "sampling": "#ccbb44", "demosaic": "#ee6677", "noise": "#bbbbbb",
-}  # fmt: skip
 OTHERS = ("#aa3377", "#994455", "#997700", "#6699cc", "#004488", "#eecc66")
 MOST_TICKS = 12
 SPREAD = 30  # of the largest number over the smallest: from there on colours stand for equal ratios
@@ -39,7 +36,7 @@ class Sides:
     columns: int = 0  # of panels; 0: as fits
 
 
-def map_of_numbers(values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None) -> Any:
+def map_of_figures(values: Any, sides: Sides, title: str, unit: str = "", digits: int = 3, failed: Any = None, there: Any = None) -> Any:
     """Numbers by colour on one scale, each also written in its cell.
 
     Parameters
@@ -94,10 +91,18 @@ def map_of_numbers(values: Any, sides: Sides, title: str, unit: str = "", digits
     return figure
 
 
-def map_of_names(indices: Any, names: Sequence[str], sides: Sides, title: str, failed: Any = None, said: str = "no value") -> Any:
+def map_of_names(
+    indices: Any, names: Sequence[str], sides: Sides, title: str, failed: Any = None, said: str = "no value",
+    tints: Mapping[str, str] | None = None,
+) -> Any:  # fmt: skip
     """Names by colour with a legend; ``indices`` (panel, y, x) point into ``names``, and what is unknown (NaN) stays white.
 
-    ``said``: what white means. Raises ValueError where the indices have another shape than the sides, or point beyond the names.
+    ``said``: what white means; ``tints``: colours of names that have one.
+
+    Raises
+    ------
+    ValueError
+        The indices have another shape than the sides, or point beyond the names.
     """
     from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
@@ -107,7 +112,7 @@ def map_of_names(indices: Any, names: Sequence[str], sides: Sides, title: str, f
     if found.size and not (found.min() >= 0 and found.max() < len(names)):
         raise ValueError(f"indices run from {found.min():g} to {found.max():g}; allowed is 0 to {len(names) - 1}, one for each name")
     others = iter(OTHERS * (len(names) // len(OTHERS) + 1))
-    colours = [FACTOR_COLOURS.get(name) or next(others) for name in names]
+    colours = [(tints or {}).get(name) or next(others) for name in names]
     figure, panels, room = _panels(sides, title)
     for number, (panel, own) in enumerate(zip(panels, indices, strict=True)):
         panel.imshow(

@@ -1,4 +1,4 @@
-"""Trade-offs: two figures of every camera of a sweep, and the front, beyond which one is better only where the other is worse.
+"""Trade-offs: two figures of every cell of a sweep, and the front, beyond which one is better only where the other is worse.
 
 In:  holdings, two figures, for each whether higher or lower is better.
 Out: a ``Plot``, its front named by axis values.
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from etendue.contract.wording import first as goes_first
 from etendue.errors import RequestError, nearest
 from etendue.present.plots.arrangement import Dim, dims_of
 from etendue.present.plots.holdings import Held, Holdings
@@ -24,7 +25,6 @@ HIGHER, LOWER = "higher", "lower"
 SAID = {HIGHER: HIGHER, "max": HIGHER, "more": HIGHER, LOWER: LOWER, "min": LOWER, "less": LOWER}
 MARKERS = "osD^vP*Xhp<>"
 MOST_NAMED = 24
-PAIRS = (("effective_lp_mm", "mean_snr"), ("mtf50_lp_mm", "mean_snr"), ("mtf50_lp_mm", "dr_elgamal"), ("mean_snr", "dr_elgamal"))
 
 
 def front(points: Any) -> Any:
@@ -118,8 +118,8 @@ def _chosen(holdings: Holdings, first: str, second: str) -> list[Held]:
     if first or second:
         raise RequestError(f"a front is of two figures: etendue plot {holdings.archive} pareto FIGURE FIGURE")
     names = {one.variable for one in holdings.of_kind("figure")}
-    for pair in PAIRS:
-        if names.issuperset(pair):
+    for pair in map(str.split, goes_first("front")):
+        if len(pair) == 2 and names.issuperset(pair):
             return [holdings.find(name, "figure") for name in pair]
     own = f"etendue plot {holdings.archive}"
     raise RequestError(f"say which two figures: {own} pareto FIGURE FIGURE (which there are: {own} --list)")

@@ -1,6 +1,6 @@
 """Arrays as an eye sees them, from what they say of themselves: ``report.appearance`` asked with coordinates and attributes.
 
-In:  a ``DataArray`` of one cell, over y and x, perhaps wavelength or channel in front; its attributes say how it is drawn
+In:  a ``DataArray`` of one cell, over y and x, perhaps bands or channels in front; its attributes say how it is drawn
      (``spec.drawn``), else its name does.
 Out: (y, x, 3) bytes, encoded sRGB, the first row of the array on top.
 """
@@ -14,6 +14,7 @@ import numpy as np
 import xarray
 
 from etendue.archive.layout import BOUNDS
+from etendue.contract.dims import banded
 from etendue.contract.drawn import Drawn, Pictured, lit_by, read
 from etendue.contract.seen import flat_dims
 from etendue.errors import RequestError
@@ -35,10 +36,11 @@ def one_frame(array: xarray.DataArray) -> xarray.DataArray:
 
 def with_bands(array: xarray.DataArray, group: xarray.Dataset) -> xarray.DataArray:
     """With the ends of its bands as its group has them: their middles alone do not say how wide each is."""
-    if "wavelength" not in array.dims or BOUNDS not in group:
+    band = banded(map(str, array.dims))
+    if not band or BOUNDS not in group:
         return array
     bounds = group[BOUNDS].values
-    return array.assign_coords({name: ("wavelength", ends) for name, ends in zip(ENDS, bounds.T, strict=True)})
+    return array.assign_coords({name: (band, ends) for name, ends in zip(ENDS, bounds.T, strict=True)})
 
 
 def appearance_of(array: xarray.DataArray) -> Appearance:
@@ -52,7 +54,7 @@ def appearance_of(array: xarray.DataArray) -> Appearance:
     dims = [str(dim) for dim in array.dims]
     first = [round(float(array[dim].values[0])) if dim in array.coords else 0 for dim in ("y", "x")]
     names = array["channel"].values.tolist() if "channel" in array.coords else range(array.sizes.get("channel", 0))
-    found = appearance(drawn_as(array), dims, _edges(array) if "wavelength" in dims else None, names, (first[0], first[1]))
+    found = appearance(drawn_as(array), dims, _edges(array, banded(dims)) if banded(dims) else None, names, (first[0], first[1]))
     if found is None:
         left = [dim for dim in dims if dim not in ("y", "x", *flat_dims())] or dims
         raise RequestError(
@@ -96,12 +98,12 @@ def upright(array: xarray.DataArray) -> xarray.DataArray:
     return array.transpose(*front, "y", "x") if {"y", "x"} <= set(array.dims) else array
 
 
-def _edges(array: xarray.DataArray) -> Any:
+def _edges(array: xarray.DataArray, band: str) -> Any:
     """Edges of bins: as they stand beside the light, else by their middles, which halve them."""
     if set(ENDS) <= set(array.coords):
         first, last = (array[name].values for name in ENDS)
         return np.append(first, last[-1])
-    middles = np.asarray(array["wavelength"].values, float)
+    middles = np.asarray(array[band].values, float)
     half = 0.5 * np.diff(middles) if middles.size > 1 else np.array([5.0])
     inner = middles[:-1] + half if middles.size > 1 else middles[:0]
     return np.concatenate([[middles[0] - half[0]], inner, [middles[-1] + half[-1]]])

@@ -1,4 +1,4 @@
-"""Values along axes as people write them: ``f_number=2.8``, ``pixel_pitch=5400 nm``, ``stage=pixel``.
+"""Values along axes as people write them: ``gain=2.8``, ``spacing=5400 nm``, ``stage=filter``.
 
 In:  words of a command line or of Python; the values that an axis has.
 Out: the value that is meant, or what there is instead.
@@ -21,7 +21,7 @@ SAME = 1e-9  # relative: the value of an axis written once more, with a unit per
 
 
 def read_at(texts: Iterable[str]) -> dict[str, str]:
-    """``("f_number=2.8",)`` to ``{"f_number": "2.8"}``."""
+    """``("gain=2.8",)`` to ``{"gain": "2.8"}``."""
     found, faults = {}, []
     for text in texts:
         name, equals, value = text.partition("=")

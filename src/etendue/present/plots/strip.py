@@ -1,4 +1,4 @@
-"""Every stage of one cell as a picture, in the order of the light, each with a part of it enlarged; and one picture alone.
+"""Every stage of one cell as a picture, in their order, each with a part of it enlarged; and one picture alone.
 
 In:  holdings; the cell by axis values, by default the one whose pictures an archive has of all stages.
 Out: a ``Plot``: a sample is a whole number of dots where it can be, the first row of an array on top, width to height as it is.
@@ -15,6 +15,7 @@ import numpy as np
 import xarray
 
 from etendue.contract.drawn import Drawn, Pictured, read
+from etendue.contract.wording import first
 from etendue.errors import RequestError, nearest
 from etendue.present.pictures.details import part_of, side_of
 from etendue.present.plots import pictures
@@ -278,7 +279,7 @@ def show(holdings: Holdings, variable: str, stage: str = "", at: Mapping[str, An
     if not variable:
         if not names:
             raise RequestError("there are no pictures here")
-        variable = next((name for name in ("rgb_display", "rgb_linear", "xyz_display", "raw") if name in names), names[-1])
+        variable = next((name for name in first("picture") if name in names), names[-1])
     if variable not in names and "." not in variable and not any(one.variable == variable for one in holdings):
         raise RequestError(f"there is no picture {variable!r} here{nearest(variable, names)}")
     held = holdings.find(f"{stage}.{variable}" if stage and "." not in variable else variable, "picture")

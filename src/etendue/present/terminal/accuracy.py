@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from etendue.contract.wording import words as called
 from etendue.present.terminal.terminal import _out, _table, escape
 from etendue.present.terminal.work_precision import Series, diagrams
 
@@ -106,7 +107,7 @@ def files_of(document: Mapping[str, Any]) -> dict[str, bytes]:
 
 
 def diagram(document: Mapping[str, Any]) -> bytes:
-    """Left: each knob alone, error of its stage against the time of the stages it affects. Right: the whole camera."""
+    """Left: each knob alone, error of its stage against the time of the stages it affects. Right: all of it."""
     floor = document["reference_floor"]
     alone = []
     for curve in document["curves"]:
@@ -121,7 +122,7 @@ def diagram(document: Mapping[str, Any]) -> bytes:
         [
             ("each knob alone, at its stage", "thread time of the stages it affects, s", alone, None, None),
             (
-                "the whole camera, at what is wanted", "thread time, s",
+                f"the whole {called()['whole']}, at what is wanted", "thread time, s",
                 [Series("tried", whole, "dots"), Series("nothing better is as fast", front, "front"),
                  Series("as planned", planned, "star")],
                 (document["noise_floor"], f"noise of one frame, {document['noise_floor_of']}"),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from etendue.contract.variables import variable
+from etendue.contract.wording import first
 from etendue.plan import omissions
 from etendue.plan.marks import not_in_it
 from etendue.plan.model import Axis, Cell, CellRef, Plan
@@ -168,15 +169,15 @@ def floored(plan: Plan, reports: Reports, counted: str = "floored") -> list[str]
 
 
 def headlines(plan: Plan, arrays: Mapping[CellRef, Mapping[str, Any]]) -> list[tuple[str, float, str, tuple[str, ...]]]:
-    """Up to three figures of the shown cells: resolution, dynamic range, exposure first, then any other scalar; with their name, value and
+    """Up to three figures of the shown cells: what goes first, then any other scalar; with their name, value and
     unit the stages that are not in them."""
-    preferred = ("mtf50_lp_mm", "dr_elgamal", "mean_snr", "clipped_fraction", "airy_diameter", "fit_residual")
+    preferred = first("headline")
     found: dict[str, tuple[str, float, str, tuple[str, ...]]] = {}
     for ref, values in arrays.items():
         node = plan.node(ref[0])
         for name, array in values.items():
             declaration = node.writes[name]
-            if declaration.dims in ((), ("stage",)) and np.size(array) and name != "clipping_level" and not variable(name).counted:
+            if declaration.dims in ((), ("stage",)) and np.size(array) and not variable(name).quiet and not variable(name).counted:
                 value = float(np.ravel(array)[-1])
                 at = ""
                 if declaration.dims:

@@ -89,7 +89,7 @@ def _print_whole(console: Console, title: str, columns: tuple[tuple[str, str], .
 
 
 def short_axes(keys: Iterable[str]) -> dict[str, str]:
-    """Short names of axes: 'pitch' of 'pixel_pitch', 'demosaic' of 'demosaic.use'; the key itself where two would be equal."""
+    """Short names of axes: 'spacing' of 'grid_spacing', 'filter' of 'filter.use'; the key itself where two would be equal."""
     short = {}
     for key in keys:
         stage, _, parameter = key.rpartition(".")
@@ -99,14 +99,14 @@ def short_axes(keys: Iterable[str]) -> dict[str, str]:
 
 
 def _product(names: Iterable[str]) -> str:
-    """'f_number*pitch*time'; with blanks, where lines may break, when it is long."""
+    """'gain*spacing*time'; with blanks, where lines may break, when it is long."""
     names = list(names)
     text = "*".join(names) or "-"
     return text if len(text) <= 24 else " * ".join(names)
 
 
 def _axis(axis: dict[str, Any], short: str) -> str:
-    """'pitch = pixel_pitch: 2.8 .. 5.4 um (2)'."""
+    """'spacing = grid_spacing: 2.8 .. 5.4 um (2)'."""
     values = [f"{v:g}" if isinstance(v, float) else str(v) for v in axis["values"]]
     units = f" {axis['units']}" if axis["units"] not in (None, "1") else ""
     shown = ", ".join(values) if len(values) <= 4 else f"{values[0]} .. {values[-1]}"
@@ -114,7 +114,7 @@ def _axis(axis: dict[str, Any], short: str) -> str:
 
 
 def _uses(stages: list[dict[str, Any]]) -> list[str]:
-    """'demosaic is demosaic_bilinear' for every stage that is named otherwise than what it uses."""
+    """'filter is filter_fast' for every stage that is named otherwise than what it uses."""
     texts = []
     for stage in stages:
         uses = stage["use"] if isinstance(stage["use"], list) else [stage["use"]]

@@ -11,11 +11,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import RGB, XYZ, Displaying, Grid, Haloed, Labels, measured, param
+from etendue.api import RGB, XYZ, Grid, Haloed, Labels, measured, param
 from etendue_camera import spectra
 from etendue_camera.colour import encoding as transfer
 from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display_white import MEASURED, TABLE_EDGES, white_name, white_of
+from etendue_camera.roles import Displaying
 
 LMS = Labels(("L", "M", "S"))
 BEYOND = 1e-5  # of full scale: what 32 bits leave of a value at the end of the range

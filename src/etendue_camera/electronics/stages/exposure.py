@@ -113,6 +113,7 @@ class ShotNoise(Sampled, Noisy, Haloed):
     """Photons arrive one by one: Poisson about the expected charge."""
 
     role: ClassVar = "shot noise"
+    inherent: ClassVar = True
     reads: ClassVar = {"expected_charge": "y x [electron]"}
     writes: ClassVar = {"charge": "y x [electron]"}
     gain: ClassVar = 1.0

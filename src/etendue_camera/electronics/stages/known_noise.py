@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from etendue.api import quantity
-from etendue.contract.roles import READ_NOISE, Sheet
+from etendue.contract.capabilities import Sheet
 from etendue_camera.electronics import amplifier
 from etendue_camera.electronics.stages.gain_chain import GainChain, analogue_gain
+from etendue_camera.roles import READ_NOISE
 
 Sheets = Sequence[tuple[str, Sheet]]
 

@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import measured, quantity
-from etendue.contract.roles import DEFECTIVE, PROCESSING
 from etendue_camera import spectra
 from etendue_camera.constants import LUMINOUS_EFFICACY
 from etendue_camera.electronics import amplifier, dynamic_range, metering
 from etendue_camera.electronics.stages.gain_chain import GainChain, analogue_gain
 from etendue_camera.electronics.stages.known_noise import Sheets, elsewhere
+from etendue_camera.roles import DEFECTIVE, PROCESSING
 from etendue_camera.sensor.stages.crosstalk import mixing_of
 from etendue_camera.sensor.stages.sensitivity import Collecting, electrons_per_irradiance
 

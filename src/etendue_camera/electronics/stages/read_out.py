@@ -12,10 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, Scaled, param, proved, quantity
+from etendue.api import Bounded, Datasheet, Facts, Grid, Haloed, Noisy, Sampled, param, proved, quantity
 from etendue_camera.electronics import amplifier, converter
 from etendue_camera.electronics.stages.gain_chain import Amplifier, GainChain, analogue_gain
 from etendue_camera.electronics.stages.known_noise import KnownNoise
+from etendue_camera.roles import Scaled
 
 
 @dataclass(frozen=True, kw_only=True)

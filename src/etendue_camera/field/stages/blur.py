@@ -16,7 +16,7 @@ import numpy as np
 
 from etendue.api import Banded, Bounded, Facts, Grid, Line, param
 from etendue.contract.stage import file_state
-from etendue.transfer import rings as scene_spectrum
+from etendue.transfer import rings as scene_rings
 from etendue_camera.field import blur, warp
 from etendue_camera.field.psf_bank import PsfBank
 
@@ -52,7 +52,7 @@ class LensPsfField(Banded, Bounded):
     role: ClassVar = "lens"
     reads: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
     writes: ClassVar = {"irradiance": "wavelength y x [W m-2 nm-1]"}
-    gain: ClassVar[float | None] = None  # where the grid cuts a picture's spectrum off there is no bound for every picture
+    gain: ClassVar[float | None] = None  # where the grid cuts a picture's transform off there is no bound for every picture
     negative: ClassVar = "keep"
     nanoseconds: ClassVar = 400.0
 
@@ -204,12 +204,12 @@ class Distortion(Banded, Bounded):
             return 0.0, "it moves nothing"
         if facts.uniform:
             return 0.0, "the scene is uniform: moving it changes nothing"
-        if facts.spectrum is None:
+        if facts.content is None:
             return None
         radius, lens = np.linspace(0.0, _corner(grid), 65), self.map()
         farthest = max(float(np.abs(lens.undistort(radius, w * 1e-3) - radius).max()) for w in grid.bands().values())
-        spectrum = facts.spectrum
-        lost = scene_spectrum.rms_of(scene_spectrum.moved(farthest, np.array(spectrum.edges)), np.array(spectrum.power))
+        content = facts.content
+        lost = scene_rings.rms_of(scene_rings.moved(farthest, np.array(content.edges)), np.array(content.power))
         return lost, f"it moves light by {farthest:.2g} um at most, and the scene holds little that is as fine"
 
     def carry(self, facts: Any, grid: Any) -> Facts:

@@ -123,7 +123,7 @@ class OpticalFilter(Banded, Bounded, Tinting):
         if not self.table and math.isinf(self.cut_off):
             return 0.0, "it lets everything through"
         taken = 1.0 - self.transmission(grid)
-        light = np.array(facts.spectrum.high) if facts.spectrum is not None else np.ones(taken.size)
+        light = np.array(facts.content.high) if facts.content is not None else np.ones(taken.size)
         return float(np.abs(taken * light).max()), "it lets through nearly all of the light that there is"
 
     def warn(self, facts: Facts, grids: Any) -> list[str]:
@@ -135,8 +135,8 @@ class OpticalFilter(Banded, Bounded, Tinting):
 
     def carry(self, facts: Any, grid: Any) -> Facts:
         light = facts["irradiance"]
-        if light.spectrum is None:
+        if light.content is None:
             return replace(light, low=None, high=None)
-        spectrum = light.spectrum.weighed(tuple(map(float, self.transmission(grid["irradiance"]))))
-        low, high = spectrum.range_of_light()
-        return replace(light, spectrum=spectrum, low=low, high=high)
+        content = light.content.weighed(tuple(map(float, self.transmission(grid["irradiance"]))))
+        low, high = content.range_of_light()
+        return replace(light, content=content, low=low, high=high)

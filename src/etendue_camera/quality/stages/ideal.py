@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Facts, Grid, Stage, param, proved, quantity
-from etendue.contract.roles import CROSSTALK
 from etendue_camera.electronics.stages.gain_chain import GainChain
+from etendue_camera.roles import CROSSTALK
 from etendue_camera.sensor.crosstalk_planes import diffuse_planes
 from etendue_camera.sensor.stages.crosstalk import Crosstalk, channel_kernels
 from etendue_camera.sensor.stages.masks import mask_of

@@ -13,12 +13,12 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from etendue.api import ChannelTransfer, InSilicon, Labels, Probe, param, quantity
+from etendue.api import ChannelTransfer, Labels, Probe, param, quantity
 from etendue.contract.capabilities import ends_in_sum
-from etendue.contract.roles import CROSSTALK, PROCESSING
 from etendue_camera.resolution import contrast as resolution
 from etendue_camera.resolution import two_points
 from etendue_camera.resolution.stages import curves
+from etendue_camera.roles import CROSSTALK, PROCESSING, InSilicon
 
 NEARLY = 1e-6  # of a separation, by which its root may err where it is not solved for
 FACTORS = ("lens", "diffusion", "geometry", "sampling")

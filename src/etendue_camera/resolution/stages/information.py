@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from etendue.api import Line, Probe, param, quantity
-from etendue.contract.roles import CROSSTALK, DEFECTIVE, PROCESSING
 from etendue_camera.electronics.stages.known_noise import KnownNoise, Sheets, elsewhere
 from etendue_camera.resolution import information
+from etendue_camera.roles import CROSSTALK, DEFECTIVE, PROCESSING
 from etendue_camera.sensor import cfa
 from etendue_camera.sensor.stages.masks import mask_of
 

@@ -15,9 +15,9 @@ import numpy as np
 import scipy
 
 from etendue.api import Stage, moves_light
-from etendue.contract.roles import CROSSTALK, PROCESSING
 from etendue.transfer import sampling
 from etendue_camera.resolution import restoration_gain
+from etendue_camera.roles import CROSSTALK, PROCESSING
 
 UNSEEN = {"mtf50_gain": (CROSSTALK, *PROCESSING)}
 BLOCK = 4_000_000  # values of transfer functions held at once

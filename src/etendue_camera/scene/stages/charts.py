@@ -12,9 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Banded, Bands, EdgeScene, Facts, FlatScene, Grid, Line, Source, param, quantity
+from etendue.api import Banded, Bands, Facts, Grid, Line, Source, param, quantity
 from etendue.contract.bounds import MOST_BANDS, MOST_POINTS, beyond
 from etendue_camera import spectra
+from etendue_camera.roles import EdgeScene, FlatScene
 from etendue_camera.scene import charts, composite
 
 DIMMEST, BRIGHTEST = 1e-12, 1e12  # cd m-2: the sun has 1.6e9

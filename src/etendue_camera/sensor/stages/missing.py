@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from etendue.api import Grid, Transfer
-from etendue.contract.facts import Spectrum
+from etendue.contract.facts import Content
 from etendue.transfer import effects, expansion
-from etendue.transfer import rings as scene_spectrum
+from etendue.transfer import rings as scene_rings
 from etendue_camera.sensor import photodiode
 
 PART = 0.25
@@ -26,7 +26,7 @@ Weights = tuple[tuple[float, ...], ...]
 
 
 def of_the_light(
-    weights: Weights, before: tuple[Transfer, ...], light: Grid, spectrum: Spectrum | None, width: float, terms: int,
+    weights: Weights, before: tuple[Transfer, ...], light: Grid, content: Content | None, width: float, terms: int,
     kept: float,
 ) -> float:  # fmt: skip
     """Of the worst channel.
@@ -37,7 +37,7 @@ def of_the_light(
     before : stages between the segment's input and the pixel
     light : Grid
         Of the light.
-    spectrum : Spectrum or None
+    content : Content or None
         Of the segment's input; None: equally strong in every band, a quarter of it at the frequency where that is worst.
     width : float
         Of the light-sensitive square, um.
@@ -54,27 +54,27 @@ def of_the_light(
     edges = light.bands().edges
     steps = (light.line("y").step, light.line("x").step)
     corner = 0.5 * math.hypot(1 / steps[0], 1 / steps[1])
-    rings = spectrum.edges if spectrum is not None else tuple(np.linspace(0.0, corner, expansion.FITTED))
+    rings = content.edges if content is not None else tuple(np.linspace(0.0, corner, expansion.FITTED))
     missing = _missing(weights, before, edges, corner, rings, terms, kept * 0.5 / max(steps))
-    lost = scene_spectrum.largest_in_rings(missing * passed(width, rings))
-    if spectrum is None:
+    lost = scene_rings.largest_in_rings(missing * passed(width, rings))
+    if content is None:
         return PART * float(lost.sum(axis=1).max())
-    amplitude = np.einsum("clr,lr->cr", lost, _amplitudes(spectrum))
-    full = np.array(weights) @ np.array(spectrum.high)
+    amplitude = np.einsum("clr,lr->cr", lost, _amplitudes(content))
+    full = np.array(weights) @ np.array(content.high)
     rms = np.sqrt((amplitude**2).sum(axis=1))
     return float(np.divide(rms, full, out=np.zeros_like(rms), where=full > 0).max())
 
 
 @lru_cache(64)
-def _amplitudes(spectrum: Spectrum) -> Any:
+def _amplitudes(content: Content) -> Any:
     """(wavelength, ring): rms of what every ring holds."""
-    return np.sqrt(np.array(spectrum.power))
+    return np.sqrt(np.array(content.power))
 
 
 @lru_cache(256)
 def passed(width: float, rings: tuple[float, ...]) -> Any:
     """(frequency,): the largest value of the aperture's transfer function at a radial frequency, over all directions."""
-    frequency = scene_spectrum.frequencies_in(np.array(rings))
+    frequency = scene_rings.frequencies_in(np.array(rings))
     found = np.zeros_like(frequency)
     for angle in np.linspace(0, math.pi / 4, 7):
         along, across = math.cos(angle) * frequency, math.sin(angle) * frequency
@@ -90,7 +90,7 @@ def _missing(
     """(channel, wavelength, frequency): the largest part of every band that is lost, over all directions."""
     own = np.array(weights)
     own = own[own.max(axis=1) > 0]
-    points = scene_spectrum.frequencies_in(np.array(rings))
+    points = scene_rings.frequencies_in(np.array(rings))
     transfer = effects.in_directions(before, edges, points)
     beyond = points > limit
     whole = np.abs(own[:, :, None] * transfer[:, None])
@@ -111,4 +111,4 @@ def basis_of(weights: Weights, before: tuple[Transfer, ...], edges: tuple[float,
     own = np.array(weights)
     frequency = np.linspace(0.0, corner, expansion.FITTED)
     transfer = effects.in_directions(before, edges, frequency)[0].real
-    return expansion.wavelength_basis(own[own.max(axis=1) > 0], terms, transfer, expansion.importance(frequency))
+    return expansion.band_basis(own[own.max(axis=1) > 0], terms, transfer, expansion.importance(frequency))

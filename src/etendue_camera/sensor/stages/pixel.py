@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from etendue.api import Bounded, Facts, Grid, InSilicon, Labels, Line, Summed, Transfer, param, quantity
-from etendue.contract.roles import CROSSTALK
+from etendue.api import Bounded, Facts, Grid, Labels, Line, Summed, Transfer, param, quantity
 from etendue.contract.stage import state_of
 from etendue.transfer.sampling import on_unique_rows
 from etendue_camera import spectra
+from etendue_camera.roles import CROSSTALK, InSilicon
 from etendue_camera.sensor import photodiode, silicon
 from etendue_camera.sensor.stages import missing
 from etendue_camera.sensor.stages.sensitivity import (
@@ -181,7 +181,7 @@ class Pixel(Collecting, Summed):
         if not few and self.kept_frequencies == 1:
             return bound, how
         lost = missing.of_the_light(
-            self.normalised(light.bands().edges), before, light, facts["irradiance"].spectrum,
+            self.normalised(light.bands().edges), before, light, facts["irradiance"].content,
             self.pixel_pitch * self.aperture_fraction,
             self.wavelength_terms if few else 0, self.kept_frequencies,
         )  # fmt: skip
@@ -200,10 +200,10 @@ class Pixel(Collecting, Summed):
     def carry(self, facts: Any, grid: Any) -> Facts:
         """Charge between that of the darkest and of the brightest light, in any channel."""
         light = facts["irradiance"]
-        if light.spectrum is None or light.low is None or light.high is None:
+        if light.content is None or light.low is None or light.high is None:
             return Facts(uniform=light.uniform)
         weights = electrons_per_irradiance(self, grid["irradiance"].bands().edges)
-        low, high = light.spectrum.bands_of_light()
+        low, high = light.content.bands_of_light()
         below, above = weights @ np.array(low), weights @ np.array(high)
         return Facts(uniform=light.uniform, low=float(below.min()), high=float(above.max()))
 

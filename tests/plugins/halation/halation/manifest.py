@@ -1,4 +1,5 @@
-"""What this distribution brings: two stages of a new role, a variable, a camera quantity, a sensor, and two tables by wavelength."""
+"""What this distribution brings: two stages of a new role, a variable, a camera quantity, a sensor, two tables by wavelength, a kind of
+plot and sections of a page."""
 
 from pathlib import Path
 
@@ -35,3 +36,26 @@ def etendue_roles():
 @hookimpl
 def etendue_spectra():
     return {"halation lamp": HERE / "lamp.csv", "halation film": HERE / "film.csv"}
+
+
+@hookimpl
+def etendue_plots():
+    return {
+        "glow": {"place": "halation.study:glow", "takes": 1, "doc": "how much light comes back, pixel by pixel", "uses": ["at"]},
+        "nothing": {"place": "halation.study:nothing", "doc": "no plot at all"},
+    }
+
+
+@hookimpl
+def etendue_sections():
+    return {
+        "halation": {"place": "halation.study:section", "title": "Light that comes back"},
+        "silent": {"place": "halation.study:silent", "title": "Not on the page"},
+        "broken": {"place": "halation.study:broken", "title": "Breaks off"},
+        "wrong": {"place": "halation.study:wrong", "title": "Gives something else"},
+    }
+
+
+@hookimpl
+def etendue_spelling():
+    return {"halo": "HALO"}

@@ -76,8 +76,15 @@ function seconds(value, digits = 3) {
 const bytesOf = (value) => (value >= 1e6 ? `${say(value / 1e6, 3)} MB` : `${say(value / 1e3, 3)} kB`);
 const count = (value) => String(value).replace(/\B(?=(\d{3})+$)/g, ' ');
 const plural = (number, one, many) => `${count(number)} ${number === 1 ? one : many || `${one}s`}`;
-const SPELT = { mtf: 'MTF', snr: 'SNR', iso: 'ISO', qe: 'QE', adc: 'ADC', esfr: 'e-SFR', rgb: 'RGB', xyz: 'XYZ', dr: 'dynamic range', emva: 'EMVA', elgamal: '(El Gamal)', dsnu: 'DSNU', prnu: 'PRNU', mtf50: 'MTF50', mtf10: 'MTF10', neq: 'NEQ', effective: 'effective MTF50', nyquist: 'Nyquist', airy: 'Airy', rayleigh: 'Rayleigh', sparrow: 'Sparrow', lms: 'LMS' };
-const named = (name) => name.replace(/_lp_mm$/, '').split('_').map((word) => SPELT[word] || word).join(' ');
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
+const say_as = (words) => words.filter(Boolean).join(' ');
+
+// A name written out, word for word, as distributions spell it; what they spell with a _ in front is the end of a name.
+function named(name) {
+  const known = state.doc ? state.doc.spelling : {};
+  for (const [end, said] of Object.entries(known)) if (end.startsWith('_') && name.endsWith(end)) name = name.slice(0, -end.length) + said;
+  return name.split('_').map((word) => (Object.hasOwn(known, word) ? known[word] : word)).join(' ');
+}
 
 // As few digits as keep the values of an axis apart.
 function digitsOf(axis) {
@@ -87,7 +94,7 @@ function digitsOf(axis) {
 function axisValue(axis, index) {
   const value = axis.values[index];
   if (axis.text) return String(value);
-  if (axis.key === 'f_number') return `f/${say(value, 3)}`;
+  if (axis.prefix) return `${axis.prefix}${say(value, 3)}`;
   return axis.units === 's' ? seconds(value, digitsOf(axis)) : withUnit(value, axis.units, digitsOf(axis));
 }
 
@@ -126,7 +133,7 @@ class Figure {
   words(value) { return this.meanings.length && this.meanings[value] ? named(this.meanings[value]) : withUnit(value, this.units, KNOWN); }
 }
 
-// One number a cell: a figure, or one of its labels ("mtf50 behind pixel").
+// One number a cell: a figure, or one of its labels ("level behind filter").
 function scalarsOf(figure) {
   if (!figure.dims.length) return [{ figure, inner: 0, id: figure.id, name: named(figure.variable), of: '' }];
   const labelled = figure.dims.every((dim) => dim.coordinates[0].labels && !dim.coordinates[0].axes.length) && figure.inner <= 16;

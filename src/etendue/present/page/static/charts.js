@@ -147,7 +147,7 @@ function scatter(host, width, { x, y, points, front, here, pick, saying, star, h
   }
   const shown = front.length > 400 ? [] : front;
   f.root.append(svg('path', { d: front.map((i, k) => `${k ? 'L' : 'M'}${px[i].toFixed(1)},${py[i].toFixed(1)}`).join(''), class: 'front' }), ...shown.map((i) => svg('circle', { cx: px[i], cy: py[i], r: 4.5, class: 'front-dot' })));
-  if (star !== undefined) f.root.append(svg('circle', { cx: px[star], cy: py[star], r: 7, class: 'star' }), svg('text', { x: px[star] + (px[star] > f.right - 90 ? -12 : 12), y: py[star] - 10, 'text-anchor': px[star] > f.right - 90 ? 'end' : 'start', class: 'starred' }, 'build this'));
+  if (star !== undefined) f.root.append(svg('circle', { cx: px[star], cy: py[star], r: 7, class: 'star' }), svg('text', { x: px[star] + (px[star] > f.right - 90 ? -12 : 12), y: py[star] - 10, 'text-anchor': px[star] > f.right - 90 ? 'end' : 'start', class: 'starred' }, `${state.doc.words.build.toLowerCase()} this`));
   if (here !== null && here >= 0) f.root.append(svg('circle', { cx: px[here], cy: py[here], r: 8, class: 'chosen' }));
   const dot = svg('circle', { r: 6, class: 'here', visibility: 'hidden' }), read = el('p', { class: 'readout' }, saying(here !== null && here >= 0 ? here : -1));
   f.root.append(dot);

@@ -84,7 +84,7 @@ function curvesPart(doc, figures) {
   if (!able.length) return null;
   const numeric = (f) => !f.dims[f.dims.length - 1].coordinates[0].labels;
   able.sort((a, b) => score(b) - score(a));
-  function score(f) { return (/mtf|esfr|sfr/.test(f.variable) ? 4 : 0) + (numeric(f) ? 2 : 0) + (/^mtf50/.test(f.variable) ? -1 : 0); }
+  function score(f) { return f.curve + (numeric(f) ? 2 : 0); }
   let figure = able[0], against = 0;
   const plot = el('div', { class: 'plot', id: 'curves' }), controls = el('div', { class: 'controls' }), meaning = el('p', { class: 'note' });
   const coordinates = () => figure.dims[figure.dims.length - 1].coordinates;
@@ -97,7 +97,7 @@ function curvesPart(doc, figures) {
   sized(plot, (width) => drawCurves(plot, width, figure, against, doc));
   drawControls();
   state.told.add(() => plot.redraw());
-  return section('curves', 'Curves', 'Whole functions of the chosen cell: by stage, by channel, over frequency or wavelength.', card(controls, meaning, plot));
+  return section('curves', 'Curves', `Whole functions of the chosen cell: ${doc.words.curves}.`, card(controls, meaning, plot));
 }
 
 function drawCurves(plot, width, figure, against, doc, height = 340) {

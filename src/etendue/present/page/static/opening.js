@@ -1,8 +1,6 @@
-// How the page opens: the camera to build, its picture, the front on which it lies, what limits it, how far it may be wrong.
+// How the page opens: the cell to choose, its picture, the front on which it lies, what limits it, how far it may be wrong.
 
 const isSaid = (scalar, said) => scalar.figure.stage === said.stage && scalar.figure.variable === said.variable && scalar.inner === said.inner;
-const KINDS = { detail: 'detail', noise: 'signal-to-noise ratio' };
-const FACTORS = { lens: 'the lens', diffusion: 'charge that wanders in the silicon', geometry: 'the width of a pixel’s light-sensitive square', sampling: 'the distance of pixels' };
 const percentOf = (share) => `${say(100 * share, 2)} %`;
 const listed = (words) => (words.length > 1 ? `${words.slice(0, -1).join(', ')} and ${words[words.length - 1]}` : words.join(''));
 
@@ -15,8 +13,8 @@ function openingPart(doc, scalars) {
   follow(() => clear(figuresOf, numbers.map((s) => el('div', { title: dotsOf(s) }, el('dt', {}, named(s.figure.variable)), el('dd', {}, s.figure.words(s.figure.value(state.at, s.inner))), el('dd', { class: 'soft' }, s.figure.label)))));
   const moved = el('p', { class: 'note moved' }), limitHead = el('h3', {}), wrongHead = el('h3', {});
   follow(() => { const dims = doc.axes.map((a) => a.dim), here = dims.every((dim) => state.at[dim] === doc.start[dim]), of = here ? 'it' : front ? 'the choice' : 'where the page begins'; clear(limitHead, `What limits ${of}`); clear(wrongHead, `How far ${of} may be wrong`); clear(moved, here || !dims.length ? null : [`${picture ? 'Picture and figures' : 'Figures'} are of ${where(dims)}. `, el('button', { type: 'button', class: 'quiet', onclick: () => move(doc.start) }, front ? 'Back to the choice' : 'Back')]); });
-  const swept = doc.axes.filter((axis) => axis.values.length > 1), title = front ? `Build ${front.dims.map((dim) => called(axisOf(dim), doc.start[dim])).join(', ')}` : swept.length ? 'One exposure of the sweep' : 'The exposure';
-  const words = el('div', { class: 'words' }, front ? [el('p', { class: 'why' }, whyOf(front, on)), rangesOf(front, doc.start)] : el('p', { class: 'why' }, swept.length ? `At ${where(swept.map((a) => a.dim), doc.start)}; the sliders choose another. No two figures of this sweep stand against each other: there is nothing to choose by.` : doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}.` : 'One camera, nothing swept.'), moved, front ? frontPlot(doc, front, on) : null);
+  const swept = doc.axes.filter((axis) => axis.values.length > 1), title = front ? `${doc.words.build} ${front.dims.map((dim) => called(axisOf(dim), doc.start[dim])).join(', ')}` : swept.length ? `One ${doc.words.place} of the sweep` : `The ${doc.words.place}`;
+  const words = el('div', { class: 'words' }, front ? [el('p', { class: 'why' }, whyOf(front, on, doc.words)), rangesOf(front, doc.start)] : el('p', { class: 'why' }, swept.length ? `At ${where(swept.map((a) => a.dim), doc.start)}; the sliders choose another. No two figures of this sweep stand against each other: there is nothing to choose by.` : doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}.` : `One ${doc.words.cell}, nothing swept.`), moved, front ? frontPlot(doc, front, on) : null);
   const limit = limitsOf(doc, limits, front, on), wrong = errorOf(doc, error);
   const below = [limit.length ? el('div', { class: 'limits' }, limitHead, limit) : null, el('div', { class: 'wrong' }, wrongHead, wrong)];
   const kept = el('div', { class: 'kept' }, el('h3', {}, 'In figures'), figuresOf);
@@ -24,7 +22,7 @@ function openingPart(doc, scalars) {
     picture, el('div', {}, words, front ? null : kept, front ? null : el('div', { class: 'beneath two-up' }, below)),
     front ? el('div', { class: 'beneath' }, below[0], kept, below[1]) : null));
   made.classList.add('opening');
-  if (!front) parts[parts.length - 1].title = 'Exposure';
+  if (!front) parts[parts.length - 1].title = capital(doc.words.place);
   return made;
 }
 
@@ -46,7 +44,7 @@ function chosenPicture(doc) {
     }
     const at = Object.fromEntries(dims.map((dim, k) => [dim, near[k]])), exact = one.axes.every((dim) => at[dim] === state.at[dim]);
     const key = one.axes.map((dim) => at[dim]).join(','), size = one.sizes[key];
-    tile.style.aspectRatio = `${size[0]} / ${size[1]}`;
+    tile.style.setProperty('aspect-ratio', `${size[0]} / ${size[1]}`);
     picture.src = `data:image/webp;base64,${one.pictures[key]}`;
     picture.alt = `${one.variable} behind ${one.stage} at ${where(one.axes, at)}`;
     const own = one.axes.length ? `at ${one.axes.map((dim) => axisValue(axisOf(dim), at[dim])).join(', ')}` : '';
@@ -67,14 +65,14 @@ function picturesNote(doc) {
 
 // ---- why
 
-const called = (axis, place) => (axis.key === 'f_number' || axis.text ? '' : `${axis.label} `) + axisValue(axis, place);
-const kindOf = (front, k, scalar) => KINDS[front.kinds[k]] || scalar.name;
+const called = (axis, place) => (axis.prefix || axis.text ? '' : `${axis.label} `) + axisValue(axis, place);
+const kindOf = (front, k, scalar) => front.said[k] || scalar.name;
 
-function whyOf(front, on) {
+function whyOf(front, on, words) {
   const best = on.map((s, k) => `${percentOf(front.shares[k])} of the best ${kindOf(front, k, s)}`);
-  const all = front.burnt === front.cells, cameras = all ? front.cells : front.cells - front.burnt, clip = `more than ${percentOf(front.clipped)} of pixels or white`;
-  return [`Of ${plural(cameras, 'camera')}${front.burnt && !all ? ' that do not clip' : ''} it gives up least: ${listed(best)}. Every other falls below ${percentOf(Math.min(...front.shares))} in one of the two, or is no better.`,
-    all ? ` All of them clip ${clip}.` : front.burnt ? ` ${plural(front.burnt, 'camera')} that ${front.burnt === 1 ? 'clips' : 'clip'} ${clip} ${front.burnt === 1 ? 'is' : 'are'} drawn faint.` : ''];
+  const all = front.burnt === front.cells, sound = all ? front.cells : front.cells - front.burnt;
+  return [`Of ${say_as([plural(sound, words.cell), front.burnt && !all && words.within])} it gives up least: ${listed(best)}. Every other falls below ${percentOf(Math.min(...front.shares))} in one of the two, or is no better.`,
+    all ? ` All of them ${say_as([words.over, words.over_what])}.` : front.burnt ? ` ${say_as([plural(front.burnt, words.cell), 'that', front.burnt === 1 ? words.overs : words.over, words.over_what, front.burnt === 1 ? 'is' : 'are'])} drawn faint.` : ''];
 }
 
 // What was swept, and which values of the choice have nothing beyond them: there the best may lie outside.
@@ -83,7 +81,7 @@ function rangesOf(front, at) {
   const ranges = axes.map((axis) => {
     if (axis.text) return `${axis.label} ${listed(axis.values.map(String))}`;
     const order = axis.values.map((_, i) => i).sort((a, b) => axis.values[a] - axis.values[b]), [least, most] = [order[0], order[order.length - 1]];
-    if (at[axis.dim] === least || at[axis.dim] === most) ends.push(axis.key === 'f_number' ? axisValue(axis, at[axis.dim]) : called(axis, at[axis.dim]));
+    if (at[axis.dim] === least || at[axis.dim] === most) ends.push(axis.prefix ? axisValue(axis, at[axis.dim]) : called(axis, at[axis.dim]));
     return `${axis.label} ${axisValue(axis, least)} to ${axisValue(axis, most)}`;
   });
   return el('p', { class: 'why swept' }, `Swept: ${ranges.join(', ')}.`, ends.length ? el('strong', {}, ` ${listed(ends)} ${ends.length === 1 ? 'is at the end of its axis' : 'are at the ends of their axes'}: try beyond.`) : null);
@@ -108,7 +106,7 @@ function frontPlot(doc, front, on) {
       if (Number.isFinite(a) && Number.isFinite(b)) { xs.push(a); ys.push(b); cells.push(n); faint.push(clips ? clips(at) : false); }
     }
     const index = new Map(cells.map((n, i) => [n, i])), line = front.on.map((at) => index.get(number(at))).filter((i) => i !== undefined);
-    const saying = (i) => (i < 0 ? ' ' : [`${named(x.figure.variable)} ${withUnit(xs[i], x.figure.units, KNOWN)}, ${named(y.figure.variable)} ${withUnit(ys[i], y.figure.units, KNOWN)} at ${front.dims.map((dim) => axisValue(axisOf(dim), place(cells[i])[dim])).join(', ')}${faint[i] ? ', clips' : ''}`]);
+    const saying = (i) => (i < 0 ? ' ' : [`${named(x.figure.variable)} ${withUnit(xs[i], x.figure.units, KNOWN)}, ${named(y.figure.variable)} ${withUnit(ys[i], y.figure.units, KNOWN)} at ${front.dims.map((dim) => axisValue(axisOf(dim), place(cells[i])[dim])).join(', ')}${faint[i] ? `, ${doc.words.overs}` : ''}`]);
     const [a, b] = [kind(0), kind(1)];
     scatter(plot, width, { height: 240, x: { range: extent(xs), label: `${a.label}${a.better ? ' →' : ', ← less is better'}` }, y: { range: extent(ys, false, true), label: `${b.better ? '↑' : '↓ less is better:'} ${b.label}` }, points: { x: xs, y: ys, faint }, front: line, here: index.get(number(state.at)) ?? -1, star: index.get(number(doc.start)), pick: (i) => move(place(cells[i])), saying });
   });
@@ -126,13 +124,13 @@ function changed(scalar, now, then) {
 
 function limitsOf(doc, limits, front, on) {
   const said = limits.map((one) => {
-    const what = ['Of ', KINDS[one.subject] || one.subject, ': '], factor = FACTORS[one.factor] || named(one.factor);
-    if (one.capped > 1.005 && one.factor !== 'sampling') return el('p', {}, ...what, el('strong', {}, FACTORS.sampling), ` (Nyquist), then ${factor}.`);
+    const what = ['Of ', one.about, ': '], factor = one.said || named(one.factor);
+    if (one.capped > 1.005 && one.factor !== one.cap) return el('p', {}, ...what, el('strong', {}, one.cap_words), `${one.cap_said ? ` (${one.cap_said})` : ''}, then ${factor}.`);
     return el('p', {}, ...what, el('strong', {}, factor), one.gain && one.gain > 1 ? `; without it ${say(one.gain, 2)} times as much.` : '.');
   });
   if (!front || !front.beside.length) return said;
-  const short = on.map((s, k) => ({ detail: 'detail', noise: 'SNR' }[front.kinds[k]] || s.name));
-  const rows = front.beside.map((one) => el('tr', { class: one.usable ? '' : 'clips' }, el('td', {}, axisValue(axisOf(one.dim), one.place)), on.map((s, k) => el('td', { class: 'number' }, changed(s, s.figure.value(doc.start, s.inner), one.values[k]))), el('td', {}, one.usable ? '' : 'clips')));
+  const short = on.map((s, k) => front.short[k] || s.name);
+  const rows = front.beside.map((one) => el('tr', { class: one.usable ? '' : 'clips' }, el('td', {}, axisValue(axisOf(one.dim), one.place)), on.map((s, k) => el('td', { class: 'number' }, changed(s, s.figure.value(doc.start, s.inner), one.values[k]))), el('td', {}, one.usable ? '' : doc.words.overs)));
   return [...said, el('table', { class: 'beside-it' }, el('thead', {}, el('tr', {}, el('th', { scope: 'col' }, 'one step away'), short.map((name) => el('th', { scope: 'col', class: 'number' }, name)), el('th', { scope: 'col' }))), el('tbody', {}, rows))];
 }
 
@@ -141,5 +139,5 @@ function errorOf(doc, error) {
   const whole = doc.measured[0];
   return [error.stage ? el('p', {}, 'No stage is farther than ', el('strong', {}, say(error.largest, 2)), ` of full scale from its own exact result (${named(error.stage)}, ${error.how}).`) : el('p', {}, 'No stage states an error.'),
     error.bound ? el('p', {}, `What was left out or made coarser adds at most ${say(error.bound, 2)} to a stage.`) : null,
-    whole ? el('p', {}, `The whole camera: ${named(whole.variable)} ${say(whole.rms, 2)} rms against the reference settings.`) : el('p', { class: 'soft' }, 'The whole camera: ', el('span', { class: 'command' }, 'etendue run … --measure'))];
+    whole ? el('p', {}, `The whole ${doc.words.whole}: ${named(whole.variable)} ${say(whole.rms, 2)} rms against the reference settings.`) : el('p', { class: 'soft' }, `The whole ${doc.words.whole}: `, el('span', { class: 'command' }, 'etendue run … --measure'))];
 }

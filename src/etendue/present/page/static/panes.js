@@ -26,10 +26,10 @@ class Panes {
     this.line = latest(() => this.askLine());
     this.histogram = latest(() => this.askHistogram());
     this.lineHeading(); this.histogramHeading(); this.tools(); this.build();
-    const mtf = state.figures.filter((f) => /mtf|sfr/.test(f.variable) && f.dims.length && f.values.some(Number.isFinite)).sort((p, q) => Number(/^(mtf|esfr)$/.test(q.variable)) - Number(/^(mtf|esfr)$/.test(p.variable)))[0];
-    if (mtf) {
-      this.curves = el('div', { class: 'plot', id: 'mtf' });
-      sized(this.curves, (width) => drawCurves(this.curves, width, mtf, 0, doc, 250));
+    const goes = (f) => Number(doc.first.curves.includes(f.variable)), first = state.figures.filter((f) => f.curve && f.dims.length && f.values.some(Number.isFinite)).sort((p, q) => goes(q) - goes(p))[0];
+    if (first) {
+      this.curves = el('div', { class: 'plot', id: 'first-curve' });
+      sized(this.curves, (width) => drawCurves(this.curves, width, first, 0, doc, 250));
       state.told.add(() => this.curves.redraw());
     }
     state.told.add(() => this.again());
@@ -191,7 +191,7 @@ class Panes {
     const words = this.words(place);
     if (!words) return;
     const { rows } = await (await ask('probe', words)).json(), many = (r) => r.values.length > 4;
-    const value = (r) => (r.why ? el('span', { class: 'soft' }, r.why) : many(r) ? `${say(Math.min(...r.values))} … ${say(Math.max(...r.values))} in ${r.values.length} ${r.dims.includes('wavelength') ? 'bands' : 'values'}` : r.values.map((v, i) => `${r.labels[i] ? `${r.labels[i]} ` : r.filter ? `${r.filter} ` : ''}${say(v, 5)}`).join('  '));
+    const value = (r) => (r.why ? el('span', { class: 'soft' }, r.why) : many(r) ? `${say(Math.min(...r.values))} … ${say(Math.max(...r.values))} in ${r.values.length} ${r.dims.some((dim) => this.doc.bins.includes(dim)) ? 'bands' : 'values'}` : r.values.map((v, i) => `${r.labels[i] ? `${r.labels[i]} ` : r.filter ? `${r.filter} ` : ''}${say(v, 5)}`).join('  '));
     const shown = tableOf(['stage', 'value', '', 'pixel'], rows.map((r) => [named(r.stage), el('span', { 'data-probe': `${r.stage}.${r.variable}`, 'data-values': JSON.stringify(r.values || []), 'data-row': r.row, 'data-column': r.column }, value(r)), unit(r.units || ''), r.why ? '' : `${r.row}, ${r.column}`]), 9);
     clear(this.table, el('p', { class: 'note' }, `${place.pane.said.plane ? `x ${say(Math.abs(place.x) < 1e-6 ? 0 : place.x, 4)} µm, y ${say(Math.abs(place.y) < 1e-6 ? 0 : place.y, 4)} µm on the image plane` : 'of the picture’s own samples'}${this.point ? ' · held; click a picture to let go' : ''}`), shown);
     this.last = place;

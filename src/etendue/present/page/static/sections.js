@@ -1,7 +1,7 @@
-// The frame of the page: what it is about, its parts, the sliders, the camera at a glance, where it comes from.
+// The frame of the page: what it is about, its parts, the sliders, all of it at a glance, what distributions add, where it comes from.
 
 const parts = [];
-const SHORT = { camera: 'Camera', cell: 'The choice', maps: 'Maps', subjects: 'Figures', error: 'Error and time', omitted: 'Left out', figures: 'Files', provenance: 'Provenance', live: 'Pixels' };
+const SHORT = { cell: 'The choice', maps: 'Maps', subjects: 'Figures', error: 'Error and time', omitted: 'Left out', figures: 'Files', provenance: 'Provenance', live: 'Pixels' };
 
 function section(id, title, lead, ...content) {
   const made = el('section', { id, 'aria-labelledby': `${id}-title` }, el('h2', { id: `${id}-title` }, title), lead ? el('p', { class: 'lead' }, lead) : null, ...content);
@@ -39,8 +39,8 @@ function header(doc) {
   else if (doc.ended && !failed) chips.push(chip('good', 'complete, no failures'));
   const state = el('div', { class: 'chips', id: 'chips' }, chips);
   const about = points > 1
-    ? `${plural(points, 'simulated exposure')}: ${doc.axes.map((axis) => `${axis.values.length} × ${axis.label}`).join(', ')}.`
-    : 'One simulated exposure.';
+    ? `${plural(points, doc.words.point)}: ${doc.axes.map((axis) => `${axis.values.length} × ${axis.label}`).join(', ')}.`
+    : `One ${doc.words.point}.`;
   return el('header', {},
     el('div', { class: 'top' }, el('p', { class: 'kind' }, `${doc.live ? 'etendue · live view' : 'etendue · report'}${doc.archive === doc.name ? '' : ` · ${doc.archive}`}`), themeSwitch()),
     el('div', { class: 'top' }, el('h1', {}, doc.title || doc.name), state), doc.description ? el('p', { class: 'about' }, doc.description) : null,
@@ -87,12 +87,12 @@ function sliders(doc) {
 
 // ---- glance
 
-const IMPORTANT = ['f_number', 'focal_length', 'pixel_pitch', 'pattern', 'integration_time', 'illuminant', 'full_well_density', 'read_noise', 'dark_current_density', 'bits', 'peak_qe', 'aperture_fraction', 'iso', 'analogue_gain', 'temperature'];
-
 function glance(doc) {
   const swept = doc.axes.map((axis) => [axis.label, axis.values.length > 6 || !axis.values.length ? `${axisValue(axis, 0)} … ${axisValue(axis, axis.values.length - 1)}` : axis.values.map((_, i) => axisValue(axis, i)).join(', '), `${axis.values.length} values`]);
   const row = (one) => [named(one.name), withUnit(one.value, one.units, EXACT), one.what];
-  const first = doc.camera.filter((one) => IMPORTANT.includes(one.name) && !(one.name === 'iso' && one.value === 0)).sort((a, b) => IMPORTANT.indexOf(a.name) - IMPORTANT.indexOf(b.name)), rest = doc.camera.filter((one) => !first.includes(one));
+  const shared = doc.shared, { quantities: order, off } = doc.first, whole = doc.words.whole;
+  const listed = shared.filter((one) => order.includes(one.name) && !(Object.hasOwn(off, one.name) && one.value === off[one.name])).sort((a, b) => order.indexOf(a.name) - order.indexOf(b.name));
+  const first = order.length ? listed : shared, rest = shared.filter((one) => !first.includes(one));
   const facts = (rows) => el('dl', { class: 'facts-list' }, rows.map(([name, value, what]) => el('div', { title: what }, el('dt', {}, name), el('dd', {}, value))));
   const strip = el('ol', { class: 'strip' });
   const pictures = doc.pictures.strip || [];
@@ -103,11 +103,23 @@ function glance(doc) {
       el('figcaption', {}, el('strong', {}, `${stage ? stage.order : ''} ${named(one.stage)}`), el('span', {}, stage && stage.role[0] ? stage.role[0] : ''), el('span', { class: 'soft' }, `${named(one.variable)} · ${one.size[0]} × ${one.size[1]}${one.unencoded ? ' · without gamma' : ''}${one.how === 'without loss' ? '' : ` · ${one.how}`}`)))));
   }
   const chain = el('ol', { class: 'chain' }, doc.stages.map((stage) => el('li', { class: stage.failed ? 'failed' : '' }, el('strong', {}, named(stage.name)), el('span', {}, stage.what || stage.role[0] || stage.use.join(', ')))));
-  return section('camera', 'The camera at a glance', 'Light enters at the top left and leaves as a display’s values: each picture is what the stage named below it has made of the one before.',
+  const made = section('glance', `The ${whole} at a glance`, doc.words.chain,
     card(el('div', { class: 'columns' }, swept.length ? el('div', {}, el('h3', {}, 'Swept'), facts(swept.map(([a, b, c]) => [a, b, c]))) : null, el('div', {}, el('h3', {}, 'The same everywhere'), facts(first.map(row)))),
-      rest.length ? el('details', {}, el('summary', {}, `All ${doc.camera.length} quantities`), facts(rest.map(row))) : null),
-    pictures.length ? card(el('h3', {}, 'From scene light to display'), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind have one brightness, at which the first of them is bright on this screen; display values are as they are. At most 256 × 256 samples.`), doc.live ? null : picturesNote(doc)) : null,
+      rest.length ? el('details', {}, el('summary', {}, `All ${shared.length} quantities`), facts(rest.map(row))) : null),
+    pictures.length ? card(el('h3', {}, doc.words.strip), strip, el('p', { class: 'note' }, `${doc.axes.length ? `At ${where(doc.axes.map((a) => a.dim), doc.start)}. ` : ''}Linear pictures of one kind have one brightness, at which the first of them is bright on this screen; display values are as they are. At most 256 × 256 samples.`), doc.live ? null : picturesNote(doc)) : null,
     el('details', { class: 'card' }, el('summary', {}, `What each of the ${doc.stages.length} stages does`), chain));
+  parts[parts.length - 1].title = capital(whole);
+  return made;
+}
+
+// ---- what distributions add: paragraphs, tables, pictures
+
+function addedPart(one) {
+  const block = (own) => {
+    if (own.table) return tableOf(own.table.head, own.table.rows.map((row) => row.map((value) => say(value))), 1);
+    return own.picture ? el('img', { class: 'added', src: own.picture, alt: own.alt }) : el('p', {}, own.paragraph);
+  };
+  return section(`added-${one.name}`, one.title, '', card(one.why ? el('p', { class: 'broken' }, one.why) : one.blocks.map(block), el('p', { class: 'note' }, `This section comes with ${one.origin}.`)));
 }
 
 // ---- where it comes from

@@ -19,7 +19,7 @@ async function show(doc, root) {
   const first = draw([() => (failed ? failedPart(doc) : null), () => (doc.live ? livePart(doc) : openingPart(doc, scalars))]);
   const rest = draw([
     () => (doc.live ? openingPart(doc, scalars) : null), () => glance(doc), () => mapPart(doc, scalars), () => curvesPart(doc, state.figures), () => tradePart(doc, scalars),
-    () => errorPart(doc), () => omittedPart(doc), () => (failed ? null : failedPart(doc)), () => subjectsPart(doc, scalars), () => allPart(doc, scalars, state.figures), () => provenance(doc),
+    () => errorPart(doc), () => omittedPart(doc), () => (failed ? null : failedPart(doc)), () => subjectsPart(doc, scalars), () => allPart(doc, scalars, state.figures), ...doc.sections.map((one) => () => addedPart(one)), () => provenance(doc),
   ]);
   const head = header(doc), held = el('div', { class: 'held' }, navigation(), sliders(doc)), foot = el('footer', {}, `${doc.made_by} · this page asks no network for anything${doc.live ? ' but the program that shows it' : ''}`);
   clear(root, head, doc.live ? [held, el('main', {}, first, rest)] : el('main', {}, first, held, rest), foot);

@@ -96,26 +96,27 @@ function errorPart(doc) {
     state.told.add(() => host.redraw());
   }
   const measured = doc.measured.length
-    ? card(el('h3', {}, 'Measured against the reference settings'), el('p', { class: 'note' }, 'The whole camera computed again with every knob at its reference, on sample cells; relative to full scale.'), tableOf(['variable', 'rms', 'largest', 'known by'], doc.measured.slice(0, 20).map((m) => [named(m.variable), say(m.rms, 2), say(m.max, 2), m.how]), 1))
-    : el('p', { class: 'note' }, `The error of the whole camera was not measured here: etendue run … --measure does, and this page then shows it.`);
+    ? card(el('h3', {}, 'Measured against the reference settings'), el('p', { class: 'note' }, `The whole ${doc.words.whole} computed again with every knob at its reference, on sample cells; relative to full scale.`), tableOf(['variable', 'rms', 'largest', 'known by'], doc.measured.slice(0, 20).map((m) => [named(m.variable), say(m.rms, 2), say(m.max, 2), m.how]), 1))
+    : el('p', { class: 'note' }, `The error of the whole ${doc.words.whole} was not measured here: etendue run … --measure does, and this page then shows it.`);
   return section('error', 'Error against run time', 'What each stage costs and how far it may be from its own exact result, relative to full scale; how that is known: proved by a bound, fitted to a law, or measured.',
     card(dots.length > 1 ? host : null, tableOf(['stage', 'cells', 'run time', 'share', 'stated error', 'known by', 'added by leaving out'], rows, 1), el('p', { class: 'note' }, doc.ended ? 'Run time is time of threads, summed over cells.' : 'Errors are in the ledger, which is written when a run has ended.', csvButton('stages as CSV', 'stages', () => stageTable(doc)))),
     measured, blamePart(doc));
 }
 
-// Whose the losses are: Shapley values of the camera at one cell, where they were asked for.
+// Whose the losses are, at one cell, where that was asked for.
 function blamePart(doc) {
-  const found = doc.blame, commands = [doc.losses_command, `etendue report ${doc.archive} --blame`].filter(Boolean);
-  const ways = el('p', { class: 'note' }, `Which stage loses contrast, signal-to-noise ratio and colour, at the cell where this page begins: `, commands.flatMap((text, i) => [i ? ', or into this page: ' : '', el('code', {}, text)]), '.');
+  if (!doc.shares && !doc.blame) return null;
+  const found = doc.blame, cell = doc.words.cell, commands = [doc.losses_command, `etendue report ${doc.archive} --blame`].filter(Boolean);
+  const ways = el('p', { class: 'note' }, `Which stage loses ${doc.words.lost_words}, at the cell where this page begins: `, commands.flatMap((text, i) => [i ? ', or into this page: ' : '', el('code', {}, text)]), '.');
   if (!found || !found.losses.length) return card(el('h3', {}, 'Which stage loses what'), found ? el('p', {}, `It cannot be said: ${found.why || 'nothing was shared out'}.`) : ways, found ? found.notes.map((note) => el('p', { class: 'note' }, note)) : null);
   const at = doc.axes.length ? ` at ${where(doc.axes.map((a) => a.dim), found.at)}` : '';
   const bar = (share, most) => { const wide = (58 * Math.abs(share || 0)) / (most || 1); return svg('svg', { class: 'share', width: 120, height: 14, viewBox: '0 0 120 14', 'aria-hidden': 'true' }, svg('line', { class: 'axis', x1: 60, x2: 60, y1: 0, y2: 14 }), svg('rect', { class: share < 0 ? 'won' : 'lost', x: share < 0 ? 60 - wide : 60, y: 2, width: wide, height: 10 })); };
   const percent = (share) => (share === null || share === undefined ? '–' : `${(100 * share).toFixed(1).replace('-', '−')} %`), lost = (value, units) => `${say(value, 3)} ${units === 'CIEDE2000^2' ? 'ΔE₀₀²' : units}`;
   const games = found.losses.map((loss) => { const most = Math.max(...loss.stages.map((one) => Math.abs(one.share || 0))); return el('div', { class: 'loss' }, el('h4', {}, loss.what[0].toUpperCase() + loss.what.slice(1)),
-    el('p', { class: 'note' }, `${loss.figure}: ${say(loss.camera, 4)}, of the ideal camera ${say(loss.ideal, 4)}; lost ${lost(loss.loss, loss.unit)}. From ${loss.orders ? `${loss.orders} random orders` : 'all sets of stages'}, ${loss.coalitions} cameras.`),
+    el('p', { class: 'note' }, `${loss.figure}: ${say(loss.value, 4)}, of the ideal ${cell} ${say(loss.ideal, 4)}; lost ${lost(loss.loss, loss.unit)}. From ${loss.orders ? `${loss.orders} random orders` : 'all sets of stages'}, ${loss.coalitions} ${cell}s.`),
     tableOf(['stage', 'share', '', 'lost', 'without it'], loss.stages.map((one) => [named(one.stage), percent(one.share), bar(one.share, most), lost(one.loss, loss.unit), one.figure_without === null ? '–' : say(one.figure_without, 4)]), 1)); });
   const rows = () => [['loss', 'stage', 'share', 'lost', 'unit', 'figure without it'], ...found.losses.flatMap((loss) => loss.stages.map((one) => [loss.what, one.stage, one.share, one.loss, loss.unit, one.figure_without]))];
-  return card(el('h3', {}, 'Which stage loses what'), el('p', { class: 'note' }, `The camera${at}: what a stage adds to a loss, averaged over all orders in which the stages of the ideal camera could be made real (Shapley values); the shares are of what is lost before others win it back, and a stage below 0 wins back. Contrast and signal-to-noise ratio are of a grey card, colour of the scene.`),
+  return card(el('h3', {}, 'Which stage loses what'), el('p', { class: 'note' }, (found.about || `What a stage adds to a loss{at}; a stage below 0 wins back.`).replace('{at}', at)),
     el('div', { class: 'losses' }, games), found.notes.map((note) => el('p', { class: 'note' }, note)), el('p', { class: 'note' }, csvButton('losses as CSV', 'losses', rows), doc.losses_command ? [' also ', el('code', {}, doc.losses_command)] : null));
 }
 

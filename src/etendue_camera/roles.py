@@ -1,6 +1,6 @@
 """What studies ask of stages: the roles that they look for, and typed bases for what a stage can say of itself.
 
-In:  stage classes, those of plugins like those of the package.
+In:  stage classes, those of plugins like those of this package.
 Out: bases to derive a stage from; names of roles. Whether a stage is one of them is asked of its class or role, never of its name.
 """
 
@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from etendue.contract.stage import Stage
 
@@ -19,25 +18,11 @@ RESTORING = ("", "sharpening", "denoising", "defect correction")  # what betters
 SHADING = "shading correction"
 BALANCE = "white balance"  # behind it white is equal in all channels
 CROSSTALK = "crosstalk"
-SHOT_NOISE = "shot noise"
 READ_NOISE = "read noise"
 PROCESSING = ("demosaicing", "denoising", "sharpening")  # what changes detail and noise behind the read-out
 DEFECTIVE = ("sensor defects", "stuck pixels")
 FULL_WELL = "full well"
 REFERENCE = "reference"  # stages that only stand where a study puts them: never an alternative to others
-
-
-class Noisy(Stage):
-    """A stage that adds noise to what a pixel holds, and knows how much.
-
-    ``by_line``: whole rows or columns share the noise. A converter's rounding is noise too: a twelfth of the square of its step.
-    """
-
-    by_line: ClassVar[bool] = False
-
-    @abstractmethod
-    def variance(self, charge: float) -> float:
-        """What is added to the variance of a pixel with a mean charge (electron), referred to the pixel: electron^2."""
 
 
 class Scaled(Stage):
@@ -48,26 +33,11 @@ class Scaled(Stage):
         """Charge of a pixel that reads 1."""
 
 
-class Datasheet(Stage):
-    """A stage that knows figures of its sensor which a measurement finds again."""
-
-    @abstractmethod
-    def datasheet(self) -> Mapping[str, float]:
-        """Some of ``gain`` (DN/electron), ``read_noise``, ``dsnu``, ``full_well`` (electron), ``prnu`` (1), ``dark_current`` and
-        ``dark_spread`` (mean over pixels and rms between them, electron/s). Noises and patterns of several stages add in squares, of
-        wells the smallest counts."""
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """What a port that looks at ``"*.datasheet"`` is given of a stage: its role and its figures; none of one that has no datasheet."""
-
-    role: str
-    figures: Mapping[str, float]
-
-    @classmethod
-    def of(cls, stage: Stage) -> Sheet:
-        return cls(stage.role, dict(stage.datasheet()) if isinstance(stage, Datasheet) else {})
+# What a datasheet says, by name: units, and of several stages noises and patterns add in squares, of wells the smallest counts.
+FIGURES: Mapping[str, str] = {
+    "gain": "DN/electron", "read_noise": "electron", "dsnu": "electron", "full_well": "electron", "prnu": "1",
+    "dark_current": "electron/s", "dark_spread": "electron/s",
+}  # fmt: skip  # the last two: mean over pixels, and rms between them
 
 
 class InSilicon(Stage):

@@ -1,0 +1,93 @@
+"""What distributions bring to a page: sections of their own, ``etendue_sections``; words for things; what goes first.
+
+In:  an archive opened to be shown.
+Out: plain JSON. A section is paragraphs, tables and pictures; one that breaks off says why, and takes no other with it.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from typing import Any
+
+from etendue.archive.vouched import open_archive
+from etendue.contract import dims, quantities, wording
+from etendue.errors import ArchiveError, PluginError
+from etendue.plugins import discovery
+from etendue.plugins.shares import shared_out
+from etendue.present.page.opened import Opened
+
+PNG = b"\x89PNG\r\n\x1a\n"
+DATA = "data:image/png;base64,"
+FORM = "expected a list of {'paragraph': text}, {'table': {'head': [...], 'rows': [[...]]}} and {'picture': bytes of a PNG, 'alt': text}"
+
+
+@dataclass(frozen=True)
+class Section:
+    """``place``: ``module:function`` of the tree of an archive; ``title``: what stands above."""
+
+    place: str
+    title: str
+
+
+def wordings() -> dict[str, Any]:
+    """What things are called on a page, and which go first."""
+    known = set(quantities.names())
+    order = [name for name in wording.first("quantities") if name in known]
+    off = {name: value for name in order if (value := quantities.declared(name).off) is not None}
+    return {
+        "words": dict(wording.words()), "spelling": dict(wording.spelling()), "bins": [d for d in dims.declared_dims() if dims.dim(d).bins],
+        "first": {"curves": list(wording.first("curves")), "quantities": order, "off": off}, "shares": shared_out(),
+    }  # fmt: skip
+
+
+def sections(opened: Opened) -> list[dict[str, Any]]:
+    """Every section that has something to say of an archive, in the order in which they are brought."""
+    every, tree = discovery.installed(), None
+    found: list[dict[str, Any]] = []
+    for name in every.names("sections"):
+        brought = every.all("sections", name)[0]
+        plain = "".join(c if c.isalnum() else "-" for c in name)
+        said: dict[str, Any] = {"name": plain, "title": name, "origin": brought.origin, "blocks": [], "why": ""}
+        try:
+            one = discovery.made_of(Section, f"the section {name!r}", brought)
+            said["title"] = str(one.title)
+            tree = open_archive(opened.folder) if tree is None else tree
+            with discovery.foreign(f"the section {name!r} of {brought.origin} cannot be made"):
+                given = EntryPoint(name, one.place, "").load()(tree)
+            said["blocks"] = _blocks(given, f"the section {name!r} of {brought.origin}")
+        except (PluginError, ArchiveError) as error:
+            said["why"] = str(error)
+        if said["blocks"] or said["why"]:
+            found.append(said)
+    return found
+
+
+def _blocks(given: Any, what: str) -> list[dict[str, Any]]:
+    if not isinstance(given, list | tuple):
+        raise PluginError(f"{what} gives {type(given).__name__}; {FORM}")
+    return [_block(one, f"{what}, block {number}") for number, one in enumerate(given, 1)]
+
+
+def _block(one: Any, what: str) -> dict[str, Any]:
+    own = dict(one) if isinstance(one, Mapping) else {}
+    if isinstance(own.get("paragraph"), str):
+        return {"paragraph": own["paragraph"]}
+    if isinstance(own.get("table"), Mapping):
+        head, rows = own["table"].get("head"), own["table"].get("rows")
+        lists = isinstance(head, list | tuple) and isinstance(rows, list | tuple)
+        if lists and all(isinstance(row, list | tuple) and len(row) == len(head) for row in rows):
+            return {"table": {"head": [str(text) for text in head], "rows": [[_value(value) for value in row] for row in rows]}}
+    picture = own.get("picture")
+    if isinstance(picture, bytes) and picture.startswith(PNG):
+        picture = DATA + base64.b64encode(picture).decode()
+    if isinstance(picture, str) and picture.startswith(DATA):
+        return {"picture": picture, "alt": str(own.get("alt", ""))}
+    raise PluginError(f"{what} cannot be read; {FORM}")
+
+
+def _value(value: Any) -> Any:
+    value = value.item() if hasattr(value, "item") else value
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
