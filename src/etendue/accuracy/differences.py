@@ -3,8 +3,8 @@
 In:  the same variable of two runs, its declaration, the stage that writes it.
 Out: ``Difference``: rms over the picture and the largest pixel.
 
-Full scale is 1 for pictures without a unit (linear and encoded RGB), white - black for raw codes, and the largest
-value of the reference for light and charge. What has no place is relative: figures by stage each to itself, vectors and matrices to
+Full scale is 1 for pictures without a unit, white - black for codes that have a black (``Variable.black``), and the largest value of the
+reference for all else. What has no place is relative: figures by stage each to itself, vectors and matrices to
 their largest element. ``Variable.full`` says otherwise: a share of pixels is a share of the frame.
 """
 
@@ -59,13 +59,13 @@ def difference(found: Any, reference: Any, declaration: Declaration, stage: Stag
 
 def full_scale(reference: Any, known: Any, declaration: Declaration, stage: Stage) -> Any:
     """What errors of a variable are relative to: a number, or one for each value."""
-    full = variable(declaration.variable).full
-    if full is not None:
-        return full
+    said = variable(declaration.variable)
+    if said.full is not None:
+        return said.full
     largest = float(np.abs(reference[known]).max()) or 1.0
     if {"y", "x"} <= set(declaration.dims):
         if name := units().get(declaration.unit, Unit()).bits:
-            codes, black = getattr(stage, name, None), getattr(stage, variable(declaration.variable).black, 0.0)
+            codes, black = getattr(stage, name, None), getattr(stage, said.black, 0.0)
             return largest if codes is None else float(2**codes - 1 - black)
         return 1.0 if declaration.unit == "1" else largest
     if set(declaration.dims) - {"stage"}:
