@@ -78,7 +78,7 @@ def table(path: str | Path, most: int = LARGEST_TABLE) -> bytes:
     with open_plain(path) as file:
         data = file.read(most + 1)
     if len(data) > most:
-        raise ValueError(f"{path} is larger than {most} bytes; no table of a camera is")
+        raise ValueError(f"{path} is larger than {most} bytes; no table is")
     return data
 
 
