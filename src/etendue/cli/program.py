@@ -32,7 +32,7 @@ class _Main(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Its module is imported now, not before."""
-        found = commands.offered().get(cmd_name)
+        found = commands.OWN.get(cmd_name) or commands.offered().get(cmd_name)  # one of ours is looked for nowhere else
         return None if found is None else commands.loaded(cmd_name, found)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -43,7 +43,7 @@ class _Main(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         name = str(args[0]) if args else ""
-        if name and not name.startswith("-") and name not in commands.offered():
+        if name and not name.startswith("-") and name not in commands.OWN and name not in commands.offered():
             from etendue.errors import nearest
 
             ctx.fail(f"No such command {name!r}{nearest(name, commands.offered())}{commands.missed(name)}")
