@@ -351,7 +351,7 @@ def print_outcome(outcome: Any) -> None:
     if outcome.stay:
         console.print(escape(f"stays: {', '.join(outcome.stay)}, which 'keep' no longer names (remove: --prune)"), soft_wrap=True)
     for text in outcome.mended[:5]:
-        console.print(escape(f"was missing or damaged, and is written again: {text}"), soft_wrap=True)
+        console.print(escape(f"was missing or damaged, and is written again: {text[:1000]}"), soft_wrap=True)
     if len(outcome.mended) > 5:
         console.print(f"was missing or damaged, and is written again: {len(outcome.mended) - 5} more")
     if outcome.moved.get("shards"):
