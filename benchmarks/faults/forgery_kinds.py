@@ -244,7 +244,7 @@ FORGERIES: dict[str, Forge] = {
     "a byte order": node(RATE, big_endian),
     "a status": values("adc/status", first(2)),
     "an error of the ledger": values("ledger/error", lambda found: found / 100),
-    "a parameter of the record": record(lambda found: found["camera"].update(pixel_pitch=5.0)),
+    "a parameter of the record": record(lambda found: found["shared"].update(pixel_pitch=5.0)),
     "another seed in the pipeline to be run": toml(lambda text: text.replace("seed = 0", "seed = 1")),
     "another f-number in the pipeline to be run": toml(lambda text: text.replace("f_number = [2, 4]", "f_number = [2.8, 4]")),
     "a stage more in the pipeline to be run": toml(lambda text: text + '\n[[stages]]\nuse = "white"\nname = "w"\n'),

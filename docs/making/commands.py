@@ -9,9 +9,9 @@ from making.markdown import paragraphs, shown, table, toctree
 def pages() -> dict[str, str]:
     """Pages by name: ``commands/index`` and one for each command."""
     above = click.Context(main, info_name="etendue")
-    names = sorted(main.commands)
-    made = {f"commands/{name}": _page(name, main.commands[name], above) for name in names}
-    rows = [(f"[{name}]({name}.md)", shown(main.commands[name].get_short_help_str(200))) for name in names]
+    names = main.list_commands(None)
+    made = {f"commands/{name}": _page(name, main.get_command(None, name), above) for name in names}
+    rows = [(f"[{name}]({name}.md)", shown(main.get_command(None, name).get_short_help_str(200))) for name in names]
     made["commands/index"] = "\n\n".join(
         ["# Commands", paragraphs(main.help or ""), table(("command", ""), rows), toctree(names, ":hidden:")]
     )

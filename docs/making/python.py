@@ -33,9 +33,7 @@ def pages() -> dict[str, str]:
             package.__name__
         ]
         parts = [f"# etendue_camera.{wing}", "Kernels: plain functions on arrays."]
-        made[f"python/physics_{wing}"] = "\n\n".join(
-            [*parts, *[f"## {shown(name.rpartition('.')[2])}\n\n{_module(name)}" for name in modules]]
-        )
+        made[f"python/{wing}"] = "\n\n".join([*parts, *[f"## {shown(name.rpartition('.')[2])}\n\n{_module(name)}" for name in modules]])
     names = [name.removeprefix("python/") for name in made]
     return {**made, "python/index": "\n\n".join(["# Python", "From the docstrings.", toctree(names, ":maxdepth: 1")])}
 

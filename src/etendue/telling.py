@@ -20,7 +20,7 @@ MOST_LINES = 20
 LONGEST_LINE = 500
 WIDEST, LONGEST_SAID = 200, 1500
 FRAMES = 3
-_PACKAGE = os.path.join(os.path.dirname(os.path.realpath(__file__)), "")
+_OURS = re.compile(re.escape(os.path.dirname(os.path.realpath(__file__))) + r"(?:_[a-z]+)?[/\\]")  # the packages of this distribution
 _BIDI = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u2028\u2029")
 _PATH = re.compile(r"(?<![\w.:/~\-])/[^\s/'\":;,()<>|\[\]]+(?:/[^\s/'\":;,()<>|\[\]]+)+/?")
 
@@ -137,7 +137,7 @@ def where(error: BaseException) -> str:
     trace, found = error.__traceback__, ""
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename
-        if not file.startswith("<") and not os.path.realpath(file).startswith(_PACKAGE):
+        if not file.startswith("<") and not _OURS.match(os.path.realpath(file)):
             found = f"{os.path.basename(file)}:{trace.tb_lineno}, "
         trace = trace.tb_next
     return found

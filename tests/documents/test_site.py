@@ -64,8 +64,9 @@ def test_every_page_stands_in_a_list_of_pages():
 
 def test_there_is_a_page_for_every_command_with_every_option(making):
     pages = making("commands").pages()
-    assert pages.keys() == {"commands/index", *(f"commands/{name}" for name in main.commands)}
-    for name, command in main.commands.items():
+    assert pages.keys() == {"commands/index", *(f"commands/{name}" for name in main.list_commands(None))}
+    for name in main.list_commands(None):
+        command = main.get_command(None, name)
         for option in (word for p in command.params for word in p.opts if word.startswith("--")):
             assert option in pages[f"commands/{name}"], f"{name} {option}"
 
@@ -87,8 +88,8 @@ def test_what_is_public_in_python_is_on_a_page(making):
         assert f":: etendue.{name}\n" in pages["python/etendue"]
     for name in etendue.api.__all__:
         assert f":: etendue.api.{name}\n" in pages["python/api"]
-    wings = {path.name for path in (ROOT / "src/etendue/physics").iterdir() if (path / "__init__.py").exists()}
-    assert {f"python/physics_{wing}" for wing in wings} <= pages.keys()
+    subjects = {path.parent.name for path in (ROOT / "src/etendue_camera").glob("*/stages")} | {"light"}
+    assert {f"python/{subject}" for subject in subjects} <= pages.keys()
 
 
 def test_a_picture_is_taken_behind_a_stage_that_stands_in_a_camera_and_behind_one_that_does_not(making, tmp_path):
@@ -122,7 +123,7 @@ def test_words_for_who_comes_from_elsewhere_are_words_of_ours():
     assert len(rows) > 40
     words = [word for row in rows for word in re.findall(r"`([^`]+)`", row.split(" | ")[1])]
     assert {word for word in words if re.fullmatch(r"[a-z]\w*", word)} - known - {"threads", "processes", "distributed"} == set()
-    assert {word.split()[1] for word in words if word.startswith("etendue ")} <= set(main.commands)
+    assert {word.split()[1] for word in words if word.startswith("etendue ")} <= set(main.list_commands(None))
     assert all((ROOT / word).exists() for word in words if word.startswith("pipelines/"))
 
 

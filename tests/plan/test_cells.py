@@ -116,7 +116,7 @@ def test_only_the_plugins_of_the_stages_in_the_file_are_imported(tmp_path):
     cache = os.environ | {"ETENDUE_CACHE": str(tmp_path / "cache")}
     for _ in range(2):
         done = process(code=script, cwd=tmp_path, env=cache)
-    loaded = {name.removeprefix("etendue.stages.") for name in done.stdout.split()}
+    loaded = {name.removeprefix("etendue_camera.").replace(".stages", "") for name in done.stdout.split()}
     assert {"electronics.exposure", "optics.gathering", "scene.charts", "sensor.pixel", "False"} <= loaded
     assert not {name.split(".")[0] for name in loaded} & {"colour", "restoration", "resolution", "quality"}
     assert not loaded & {

@@ -15,7 +15,7 @@ from etendue.run import machine as fitting
 from etendue.run.peak_memory import peak_memory
 
 PIPELINE = Path(__file__).parents[2] / "pipelines" / "smallest.toml"
-CELL, SWEEP = "a wider spacing of the scene, a wider bin_width, a smaller window", "20 values; shorten 'keep' or the sweep"
+CELL, SWEEP = "a wider spacing of what it begins with, wider bands, a smaller window", "20 values; shorten 'keep' or the sweep"
 
 
 def plan_of(**overrides):

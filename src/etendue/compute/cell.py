@@ -149,7 +149,7 @@ def in_words(error: BaseException) -> bool:
     place = error.__traceback__
     while place is not None and place.tb_next is not None:
         place = place.tb_next
-    return isinstance(error, ValueError) and place is not None and place.tb_frame.f_globals.get("__name__", "").startswith("etendue.")
+    return isinstance(error, ValueError) and place is not None and guests.is_ours(place.tb_frame.f_globals.get("__name__", ""))
 
 
 def _made(job: Job, results: Mapping[CellRef, Result], clipped: Clipped) -> tuple[Result, dict[str, Any]]:

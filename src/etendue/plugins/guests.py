@@ -38,7 +38,12 @@ _here = _AtWork()
 
 def is_guest(kind: type) -> bool:
     """Whether a class of stages is another distribution's."""
-    return kind.__module__.partition(".")[0] not in _own_packages()
+    return not is_ours(kind.__module__)
+
+
+def is_ours(module: str) -> bool:
+    """Whether a module, by its name, is of this distribution."""
+    return module.partition(".")[0] in _own_packages()
 
 
 @cache
