@@ -26,6 +26,7 @@ from etendue.contract.ports import CellReport
 from etendue.errors import ArchiveInUse, EtendueError, MachineError, PluginError, refused_by_the_machine
 from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
+from etendue.plugins import guests
 from etendue.telling import plain, told
 
 
