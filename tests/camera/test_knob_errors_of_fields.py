@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import etendue
+import etendue_camera
 from etendue.compute.joined.otf import Otf
 from etendue_camera.restoration.stages.figures import System
 from tests.camera.test_knob_errors import LOAD, QE, UNKNOWN, done, light_on, scene, share, stated
 
-BANK = str(Path(etendue.__file__).parent / "data" / "examples" / "bank.npz")
+BANK = str(Path(etendue_camera.__file__).parent / "data" / "examples" / "bank.npz")
 
 
 def field_tolerance(random):

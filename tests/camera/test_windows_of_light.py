@@ -98,8 +98,8 @@ def test_two_windows_of_the_smallest_camera_add_up():
         return tree["mosaic"].photocurrent.values
 
     whole = photocurrent(400, 700)
-    # sums of six bands in another order, in float32
-    assert_allclose(photocurrent(400, 500) + photocurrent(500, 700), whole, atol=2e-6 * whole.max())
+    # sums of six bands in another order, in float32: 2.7e-6 at most on the processors that were tried
+    assert_allclose(photocurrent(400, 500) + photocurrent(500, 700), whole, atol=4e-6 * whole.max())
 
 
 @pytest.mark.parametrize("name", ["D65", "A", "FL11", "E", "3200 K", "1e5 K"])
