@@ -75,7 +75,7 @@ use = "shot_noise"
 use = "line_pattern"
 """
 PACKAGES = os.path.dirname(code.__file__).removesuffix(os.path.join("etendue", "plan"))
-TABLES = ("better", "quantities", "roles", "stages", "subjects", "variables")  # which manifests read: what they say stands in keys
+TABLES = ("better", "quantities", "roles", "stages", "subjects", "variables", "shown")  # which manifests read: what they say stands in keys
 OF_MANIFESTS = {f"etendue_camera/data/{name}.toml" for name in TABLES}
 ONE, SHOT = '[[stages]]\nuse = "exposure"\n', '\n[[stages]]\nuse = "shot_noise"\n'
 STREAMED = BARE.replace('[[stages]]\nuse = "light_budget"\n', "")

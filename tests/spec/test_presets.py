@@ -126,8 +126,8 @@ def test_a_pipeline_that_names_a_sensor_has_its_values(sensor):
 
 
 def test_what_the_pipeline_says_goes_before_what_the_sensor_says():
-    assert plan_of(read_noise=1.5).camera["read_noise"] == 1.5
-    assert plan_of(read_noise=1.5).camera["pixel_pitch"] == 5.86
+    assert plan_of(read_noise=1.5).shared["read_noise"] == 1.5
+    assert plan_of(read_noise=1.5).shared["pixel_pitch"] == 5.86
 
 
 def test_a_key_is_made_of_values_not_of_the_sensors_name():

@@ -11,8 +11,6 @@ from functools import cache
 
 import click
 
-from etendue.plugins import discovery
-
 
 @dataclasses.dataclass(frozen=True)
 class Command:
@@ -58,6 +56,7 @@ def offered() -> dict[str, Command]:
 def _brought() -> dict[str, tuple[Command, str]]:
     """What distributions bring, with where it comes from; what cannot be read is left out."""
     from etendue.errors import PluginError
+    from etendue.plugins import discovery
 
     every, found = discovery.installed(), {}
     for name in every.names("commands"):
@@ -79,10 +78,11 @@ def loaded(name: str, command: Command) -> click.Command:
     """
     from importlib.metadata import EntryPoint
 
-    from etendue.errors import PluginError
-
     if name in OWN:
         return EntryPoint(name, command.place, "").load()  # type: ignore[no-any-return]
+    from etendue.errors import PluginError
+    from etendue.plugins import discovery
+
     origin = f"the command {name!r} of {_brought()[name][1]}"
     with discovery.foreign(f"{origin} cannot be loaded"):
         found = EntryPoint(name, command.place, "").load()
@@ -102,6 +102,8 @@ def listed() -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _title(origin: str) -> str:
+    from etendue.plugins import discovery
+
     return "Commands of what is installed with it" if origin == discovery.OWN else f"Commands of {origin}"
 
 
@@ -111,4 +113,6 @@ def _typed(name: str, command: Command) -> str:
 
 def missed(name: str) -> str:
     """'; ...': why nobody brings a command, where a distribution that may is broken."""
+    from etendue.plugins import discovery
+
     return discovery.installed().missed("commands", name)

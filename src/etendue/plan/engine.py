@@ -66,6 +66,7 @@ MOVES = {
     "etendue.contract.ports": "what a keeper of results is asked",
     "etendue.contract.quantities": _VALUES,
     "etendue.contract.registry": "loads the class of a stage, whose code stands in its key",
+    "etendue.contract.tables": _WORDS,
     "etendue.contract.stated": f"stated errors decide which knobs are set: {_DECIDES}",
     "etendue.errors": _WORDS,
     "etendue.interrupts": "signals",
