@@ -16,7 +16,7 @@ from etendue_camera.colour import matrices
 from etendue_camera.colour.stages.display import Display
 from etendue_camera.colour.stages.display_white import white_of
 from etendue_camera.quality import fidelity as measures
-from etendue_lab import compare as studies
+from etendue_lab.quality import study
 from etendue_lab.quality.figures import FLAT_SIZES, Shot, figures, flat_region, without_slope
 from etendue_lab.quality.ideal import ideal_of
 from etendue_lab.quality.study import evenly, quality
@@ -367,7 +367,7 @@ def test_an_rgb_space_as_display_has_every_figure(run):
 
 @pytest.mark.parametrize("folder", ["tiny.toml", "tiny.toml/inside", "o" * 300])
 def test_a_folder_that_takes_no_files_is_refused_before_anything_is_computed(run, monkeypatch, folder):
-    monkeypatch.setattr(studies.quality, "execute", lambda *_: pytest.fail("it ran"))
+    monkeypatch.setattr(study, "execute", lambda *_: pytest.fail("it ran"))
     result = run("-o", folder)
     assert result.exit_code == 2
     assert folder[:30] in result.output and "folder" in result.output and "archive" not in result.output

@@ -6,7 +6,7 @@ import re
 import pytest
 from rich.console import Console
 
-from etendue.present import terminal as report
+from etendue_lab.quality import terminal
 from etendue_lab.quality.figures import UNITS
 from etendue_lab.quality.study import SCALARS
 from etendue_lab.quality.terminal import COLUMNS, print_quality
@@ -19,7 +19,7 @@ def printed(monkeypatch, **options):
     rows = [row | {"demosaic.use": use} for use in ("demosaic_bilinear", "demosaic_colour_difference")]
     document = {"pipeline": "tiny", "axes": axes, "rows": rows, "ideal": {"left_out": [], "replaced": {}}, "samples_per_degree": 34.0}
     console = Console(file=io.StringIO(), highlight=False, color_system=None, **options)
-    monkeypatch.setattr(report.quality, "_out", lambda: console)
+    monkeypatch.setattr(terminal, "_out", lambda: console)
     print_quality(document | {"notes": [], "files": []})
     text = console.file.getvalue()
     return text, [line for line in text.splitlines() if line.lstrip().startswith("demosaic_")]
