@@ -35,7 +35,7 @@ def code_lines(text: str) -> int:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parents[1])
-    package = parser.parse_args().root / "src" / "etendue"
+    package = parser.parse_args().root / "src"
     texts = {path.relative_to(package): path.read_text() for path in sorted(package.rglob("*.py"))}
     lines = {path: code_lines(text) for path, text in texts.items()}
     print(f"{'folder':30} files  lines  code  longest")
@@ -47,13 +47,17 @@ def main() -> None:
         whole = sum(len(texts[path].splitlines()) for path in paths)
         print(f"{folder:30} {len(paths):5} {whole:6} {sum(lines[p] for p in paths):5}  {longest.name} {len(texts[longest].splitlines())}")
     print(f"{'all':30} {len(texts):5} {sum(len(t.splitlines()) for t in texts.values()):6} {sum(lines.values()):5}")
-    rooms = ("plan", "run", "archive", "spec", "session.py", "registry.py", "report", "studies")
+    for house in sorted({path.parts[0] for path in texts}):
+        own = [path for path in texts if path.parts[0] == house]
+        code, statements = sum(lines[p] for p in own), sum(isinstance(n, ast.stmt) for p in own for n in ast.walk(ast.parse(texts[p])))
+        print(f"{house}: {len(own)} files, {code} lines of code, {statements} statements")
     by_name = re.compile(r"\b(?:hasattr|getattr|has_method|word_of)\(")
-    asked = sum(len(by_name.findall(text)) for path, text in texts.items() if path.parts[0] in rooms)
-    print("hasattr, getattr, has_method, word_of in engine rooms:", asked)
-    for room in ("stages", "run"):
-        own = [text for path, text in texts.items() if path.parts[0] == room]
-        print(f"Any in {room}:", sum(len(re.findall(r"\bAny\b", t)) for t in own))
+    print("hasattr, getattr in the engine:", sum(len(by_name.findall(text)) for path, text in texts.items() if path.parts[0] == "etendue"))
+    print("Any:", sum(len(re.findall(r"\bAny\b", text)) for text in texts.values()))
+    print(
+        "longest:",
+        ", ".join(f"{path} {len(text.splitlines())}" for path, text in sorted(texts.items(), key=lambda one: -one[1].count("\n"))[:4]),
+    )
 
 
 if __name__ == "__main__":

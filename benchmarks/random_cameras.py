@@ -5,7 +5,7 @@
 
 A camera (``drawn_cameras``) has a seed: --count of them follow --seed. Each is run through the public interface, with warnings as
 errors, one thread. The plan may refuse it (at most 10 % of them, each with a reason); a failed cell, a leaked warning or a traceback is
-a fault. What runs is held against the laws (``camera_laws`` of ``studies/stability``), on noise-free twins where noise would hide them.
+a fault. What runs is held against the laws (``camera_laws`` of ``etendue_lab.stability``), on noise-free twins where noise would hide them.
 
 Printed: how many held, were refused or broke a law; reasons of refusals and causes of violations, grouped, each with its seeds. What
 breaks a law is written as FOLDER/SEED.toml (and FOLDER/SEED-LAW.toml, the twin on which it shows), which ``etendue run`` replays.

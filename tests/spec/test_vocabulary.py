@@ -4,8 +4,9 @@ from types import ModuleType
 
 import pytest
 
+import etendue
 from etendue.contract import quantities as camera
-from etendue.contract import variables
+from etendue.contract import tables, variables
 from etendue.contract.registry import Registry
 from etendue.errors import PluginError, RequestError
 from etendue.pipeline import presets
@@ -156,3 +157,23 @@ def test_a_sensor_that_cannot_be_read_is_told_with_who_brings_it(bring, value):
     bring(("theirs", "sensors", {"own": value}))
     with pytest.raises(RequestError, match=r"the sensor 'own' of theirs 1.0 cannot be read"):
         presets.preset("own")
+
+
+def test_a_table_and_its_presets_are_brought_by_hooks_of_a_domains_own():
+    """``[film] stock = "grainy"``: neither the table, nor the word, nor the hook is one of the engine's."""
+    point = Point("their-film", "tables", {"film": {"preset": "stock", "presets": "stocks"}})
+    point.manifest.etendue_stocks = hookimpl(lambda: {"grainy": {"title": "t", "kind": "k", "description": "d"}})
+    found = Discovery([point])
+    assert found.names("stocks") == ["grainy"] and found.notes() == []
+    other = Point("their-other", "stocks_of_nobody", {})
+    assert "unknown hook 'etendue_stocks_of_nobody'" in str(Discovery([other]).notes())
+
+
+def test_a_pipeline_in_python_is_written_under_the_table_that_it_names(bring):
+    bring(("their-film", "tables", {"film": {}}))
+    tables.tables.cache_clear()
+    try:
+        assert etendue.Pipeline(name="p").film(f_number=4).document()["film"] == {"f_number": 4}
+        assert etendue.Pipeline(name="p").camera(f_number=4).document()["camera"] == {"f_number": 4}
+    finally:
+        tables.tables.cache_clear()

@@ -165,7 +165,9 @@ class Pipeline(Extended, Source):
         return self._with(quantities={**self.quantities, **given})
 
     def __getattr__(self, name: str) -> Any:
-        return self.shared if not name.startswith("_") and name in tables() else super().__getattr__(name)
+        if name.startswith("_") or name not in tables():
+            return super().__getattr__(name)
+        return self._with(table=name).shared
 
     def sweep(self, **axes: Any) -> Pipeline:
         """Axes: ``QUANTITY=[2, 4]``, ``QUANTITY=span("1 um", "3 um", 5)``, ``STAGE__PARAMETER=[0, 1]``, ``STAGE__use=["a", s.b()]``."""

@@ -175,6 +175,9 @@ class Discovery:
         """Raise where a manifest answers to a hook that nobody has."""
         own = getattr(module, "etendue_vocabularies", None)
         self._declared |= set(own() or ()) if callable(own) else set()
+        tables = getattr(module, "etendue_tables", None)  # whose presets are brought by a hook that they name
+        for table in (tables() or {}).values() if callable(tables) else ():
+            self._declared.add(str(table.get("presets", "")))
         for name in vars(module):
             word = name.removeprefix("etendue_")
             known = (*HOOKS, *self._declared)
