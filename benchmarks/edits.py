@@ -1,7 +1,8 @@
 """Edits of the code between two runs of one archive: what can change a bit is computed again and named, anything else is reused.
 
-    python benchmarks/edits.py                      # 25 edits of the engine's list, 10 of report, cli and archive
+    python benchmarks/edits.py                      # 25 edits of the engine's list, 10 of present, cli and archive
     python benchmarks/edits.py --seed 4 --engine 50 --others 0
+    python benchmarks/edits.py --table              # ten edits, one of each kind: which stages are computed again
 
 In:  a temporary copy of the package, the only thing that is edited: an operator or a literal at a time, drawn by the seed.
 Out: a line for each edit: where, what, cells computed and reused, the reason that the run gives; exit code 1 where one is not as it
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import importlib.util
 import json
 import os
 import random
@@ -28,7 +30,9 @@ from pathlib import Path
 import etendue
 from etendue.plan.engine import ENGINE
 
-SHOWN = ("report", "cli", "archive")
+SHOWN = ("present", "cli", "archive")
+HOUSES = ("etendue", "etendue_camera", "etendue_lab")
+PLUGIN = "etendue_demosaic_malvar"
 OTHER = {
     ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*"), ast.FloorDiv: ("//", "*"), ast.Mod: ("%", "*"),
     ast.Pow: ("**", "*"), ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">"), ast.Eq: ("==", "!="),
@@ -118,12 +122,16 @@ def edits_of(path: Path) -> Iterator[Edit]:
 class Bench:
     """A copy of the package, and an archive that was made with it."""
 
-    def __init__(self, folder: Path, package: Path) -> None:
+    def __init__(self, folder: Path, package: Path, demosaicer: str = "demosaic_bilinear") -> None:
         self.folder, self.package = folder, folder / "src" / "etendue"
-        shutil.copytree(package, self.package, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+        plugin = importlib.util.find_spec(PLUGIN)
+        beside = [Path(str(plugin.origin)).parent] if plugin is not None else []
+        for own in (*(package.parent / name for name in HOUSES), *beside):
+            shutil.copytree(own, self.package.parent / own.name, ignore=shutil.ignore_patterns("__pycache__", ".*"))
         stages = {name: f'[[stages]]\nuse = "{name}"\n' for name in (*BEFORE, *BEHIND)}
         text = CAMERA.replace('[[stages]]\nuse = "pixel"', "".join(stages[name] for name in BEFORE) + '[[stages]]\nuse = "pixel"')
-        (folder / "edits.toml").write_text(text.replace("[sweep]", "".join(stages[name] for name in BEHIND) + "\n[sweep]"))
+        behind = "".join(stages[name] for name in BEHIND).replace("demosaic_bilinear", demosaicer)
+        (folder / "edits.toml").write_text(text.replace("[sweep]", f"{behind}\n[sweep]"))
         first = self.run("first")
         assert first is not None and first["computed"] and not first["reused"], first
         self.cells = first["computed"]
@@ -163,6 +171,50 @@ class Bench:
             shutil.rmtree(self.folder / "second")
 
 
+TEN = (  # what is edited, where, what stands there, what instead, and from which stage on cells are computed again: "" none, "all" all
+    ("kernel", "etendue_camera/electronics/converter.py", "import numpy", "import  numpy", "read_noise"),  # in one file with the converter
+    ("stage", "etendue_camera/restoration/stages/sharpening.py", "annotations\n", "annotations  # edited\n", "sharpen"),
+    ("engine, compute", "etendue/compute/given.py", "import", "import ", "all"),
+    ("engine, plan", "etendue/plan/cost.py", "import", "import ", ""),
+    ("laboratory", "etendue_lab/compare/study.py", "import", "import ", ""),
+    ("page", "etendue/present/page/static/start.js", "function", "function ", ""),
+    ("plugin's kernel", f"{PLUGIN}/kernel.py", "import", "import ", "demosaic_malvar"),
+    ("plugin's page", f"{PLUGIN}/page.py", "", "PAGE = 2\n", ""),
+    ("data table", "etendue_camera/data/silicon_absorption.csv", "\n", "\n\n", "diffusion"),
+    ("docstring", "etendue_camera/electronics/converter.py", '"""', '""" ', "read_noise"),
+)
+
+
+def table(package: Path) -> int:
+    """One edit of each kind: the stages whose cells are computed again beside those that should be."""
+    order = [*(name for name in ("scene", *BEFORE, "pixel", *BEHIND))]
+    order[order.index("demosaic_bilinear")] = "demosaic_malvar"
+    wrong = 0
+    with tempfile.TemporaryDirectory(prefix="etendue-edits-") as folder:
+        bench = Bench(Path(folder), package, "demosaic_malvar")
+        print(f"{bench.cells} cells\n{'edit of':16} {'computed':>8} {'reused':>7}  from stage        expected")
+        for what, place, old, new, expected in TEN:
+            path = bench.package.parent / place
+            kept = path.read_bytes() if path.exists() else None
+            shutil.copytree(bench.folder / "first", bench.folder / "second")
+            path.write_text((kept or b"").decode().replace(old, new, 1) if old else new)
+            later = time.time() + 60
+            os.utime(path, (later, later))
+            found = bench.run("second")
+            shutil.rmtree(bench.folder / "second")
+            path.unlink() if kept is None else path.write_bytes(kept)
+            assert found is not None, what
+            reasons = found["reasons"]
+            assert isinstance(reasons, dict)
+            again = {str(name).split()[0] for name in reasons}
+            first = next((name for name in order if name in again), "") if found["computed"] else ""
+            first = "all" if found["computed"] == bench.cells else first
+            wrong += first != expected
+            print(f"{what:16} {found['computed']:>8} {found['reused']:>7}  {first or 'none':17} {expected or 'none'}", flush=True)
+    print(f"{wrong} of {len(TEN)} not as they should be")
+    return int(wrong > 0)
+
+
 def engine_files(package: Path) -> list[Path]:
     return [package.parent / f"{module.replace('.', '/')}.py" for module in ENGINE]
 
@@ -172,8 +224,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=21)
     parser.add_argument("--engine", type=int, default=25, help="edits of modules that can change a bit of a cell")
     parser.add_argument("--others", type=int, default=10, help=f"edits of {', '.join(SHOWN)}")
+    parser.add_argument("--table", action="store_true", help="ten edits, one of each kind, and no others")
     parser.add_argument("--package", type=Path, default=Path(etendue.__file__).parent, help="what is copied")
     asked = parser.parse_args()
+    if asked.table:
+        return table(asked.package)
     draw = random.Random(asked.seed)
     with tempfile.TemporaryDirectory(prefix="etendue-edits-") as folder:
         bench = Bench(Path(folder), asked.package)
