@@ -69,10 +69,13 @@ def first(place: str) -> tuple[str, ...]:
 
 
 @cache
-def words() -> Mapping[str, str]:
-    """What things are called in sentences."""
-    every = discovery.installed()
-    return {**WORDS, **{name: str(own.value) for name in every.names("words") if (own := every.first("words", name))}}
+def words(of: frozenset[str] = frozenset()) -> Mapping[str, str]:
+    """What things are called in sentences; with names of distributions, what these say alone: those whose stages a graph has."""
+    every, found = discovery.installed(), dict(WORDS)
+    for name in every.names("words"):
+        brought = [one for one in every.all("words", name) if not of or one.distribution in of]
+        found |= {name: str(brought[0].value)} if brought else {}
+    return found
 
 
 @cache

@@ -32,13 +32,15 @@ class Section:
     title: str
 
 
-def wordings() -> dict[str, Any]:
-    """What things are called on a page, and which go first."""
+def wordings(opened: Opened) -> dict[str, Any]:
+    """What things are called on a page, by the distributions whose stages an archive is of, and which go first."""
+    stages = frozenset(str(one).partition(" ")[0] for node in opened.record["nodes"].values() for one in node.get("distributions", ()))
     known = set(quantities.names())
     order = [name for name in wording.first("quantities") if name in known]
     off = {name: value for name in order if (value := quantities.declared(name).off) is not None}
     return {
-        "words": dict(wording.words()), "spelling": dict(wording.spelling()), "bins": [d for d in dims.declared_dims() if dims.dim(d).bins],
+        "words": dict(wording.words(stages)), "spelling": dict(wording.spelling()),
+        "bins": [d for d in dims.declared_dims() if dims.dim(d).bins],
         "first": {"curves": list(wording.first("curves")), "quantities": order, "off": off}, "shares": shared_out(),
     }  # fmt: skip
 

@@ -65,7 +65,7 @@ def document(opened: Opened, about: Mapping[str, Mapping[str, str]], pictures: M
         ],
         "start": start,
         "opening": first,
-        **wordings(),
+        **wordings(opened),
         "sections": [],
         "stages": stage_rows(opened, table, about),
         "shared": _shared(opened),
