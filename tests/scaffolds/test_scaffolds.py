@@ -20,7 +20,9 @@ from etendue.plan.planner import make_plan
 from etendue.testing import StageConformance, check_stage
 from etendue.testing.cases import ordinary
 
-ROLES = list(dict.fromkeys(installed_stages().load(name).role for name in installed_stages().names()))
+UNGUESSED = ("filter bank",)  # whose dims no kit can guess: its distribution says them in tests of its own
+EVERY = dict.fromkeys(installed_stages().load(name).role for name in installed_stages().names())
+ROLES = [role for role in EVERY if role not in UNGUESSED]
 QUICK = ("demosaicing", "read noise", "lens", "pixel", "figures")
 
 
