@@ -69,7 +69,7 @@ def main(pipeline, archive, overrides, strips, bands, options):
     from etendue.plan.planner import make_plan
     from etendue.contract.registry import installed_stages
     from etendue.archive import pieces
-    from etendue.plan import cost, strips as cut
+    from etendue.compute import rows as cut
     from etendue.session import Options, execute, load
 
     if strips:
