@@ -119,7 +119,7 @@ def main() -> int:
         return of_stages(asked.stages[1:], asked.precision)
     worst = 1.0
     print(f"{'camera':15s} {'Mpixel':>6s} {'bands':>5s} precision workers   measured    planned  ratio  largest cell")
-    for camera in asked.shared:
+    for camera in asked.camera:
         own_bands = asked.bands if camera in ("smallest", "sensors") else asked.bands[:1]
         for mpixel, bands, precision, workers in (
             (m, b, p, w) for m in asked.mpixel for b in own_bands for p in asked.precision for w in asked.workers

@@ -179,9 +179,6 @@ VARIANTS = {
     "detail_information": [{"pattern": "mono"}, {"contrast_ratio": 1e6, "object_size": 0.5}],
     "edge_resolution": [{"region_height": 5.0, "region_width": 5.0}, {"encoding": "power", "tails": False, "pattern": "mono"}],
 }
-# A domain with dims of its own says in its own tests where they run: the kit cannot guess them.
-ELSEWHERE = ("etendue-array",)
-NAMES = [name for name in installed_stages().names() if installed_stages().installed(name).distribution not in ELSEWHERE]
 CASES = [
     pytest.param(name, variant, id=f"{name}-{'-'.join(f'{k}={v}' for k, v in variant.items())}")
     for name in installed_stages().names()
@@ -189,7 +186,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", installed_stages().names())
 class TestInstalled(StageConformance):
     @pytest.fixture(autouse=True)
     def _instance(self, name):

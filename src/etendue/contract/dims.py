@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Any
 
 from etendue.plugins import discovery
 
@@ -21,8 +22,8 @@ class Dim:
 
     ``bins``: it is cut into bands with edges; stages are given their middles, and the edges as ``NAME_edges``. ``units``: of both.
     ``asked_in``: the unit in which transfer functions are given the middles; '' where it is the same. ``long_name`` and
-    ``standard_name``: as archives name it. ``example``: edges with which stages are tried; ``spacing``: the shared quantity that is the
-    distance of its samples.
+    ``standard_name``: as archives name it. ``example``: edges, evenly spaced places or names with which stages are tried; ``spacing``:
+    the shared quantity that is the distance of its samples.
     """
 
     bins: bool = False
@@ -30,7 +31,7 @@ class Dim:
     asked_in: str = ""
     long_name: str = ""
     standard_name: str = ""
-    example: tuple[float, ...] = ()
+    example: tuple[Any, ...] = ()
     spacing: str = ""
     doc: str = ""
 

@@ -176,7 +176,9 @@ class Bench:
             return Line(size, 0.0, 1.0, "1", (-0.5 * (size - 1) * pitch, pitch))
         if dim == "channel":
             return XYZ if declaration.variable.startswith("xyz") else RGB
-        return XYZ if dim == "component" else self._made_elsewhere.get(dim, GUESSED)
+        if dim == "component":
+            return XYZ
+        return self._made_elsewhere.get(dim) or exemplary(dim) or GUESSED
 
     def _spacing(self, dim: str) -> float:
         """The distance of samples along a dim: the quantity that says it, as the stage has it, else by default."""
@@ -345,6 +347,17 @@ class Bench:
 def _usual(declaration: Declaration) -> tuple[str, ...]:
     """The dims of every stage that writes what a probe looks at, where it names none and a vocabulary says them."""
     return () if declaration.dims else tuple(variables.variable(looks(declaration)).dims) if looks(declaration) else ()
+
+
+def exemplary(dim: str) -> Coordinate | None:
+    """The coordinate with which stages are tried, as a distribution says of a dim; None where nobody does."""
+    declared = dims.dim(dim)
+    entries = declared.example
+    if not entries:
+        return None
+    if isinstance(entries[0], str):
+        return Labels(entries)
+    return Line(len(entries), float(entries[0]), float(entries[1] - entries[0]), declared.units or "1")
 
 
 def edges_of(dim: str) -> tuple[float, ...]:

@@ -45,7 +45,7 @@ def etendue_quantities() -> dict[str, Any]:
     return {
         "microphones": {"default": 8, "at_least": 1, "at_most": 1024, "doc": "of the array, in a line"},
         "spacing": {"default": 0.08, "units": "m", "above": 0, "at_most": 100, "doc": "between neighbouring microphones"},
-        "sound_speed": {"default": 343.0, "units": "m s-1", "above": 0, "at_most": 1e5, "doc": "of the air, or the water"},
+        "sound_speed": {"default": 343.0, "units": "m s-1", "at_least": 1, "at_most": 1e5, "doc": "of the air, or the water"},
         "tone": {"default": 2000.0, "units": "Hz", "above": 0, "at_most": 1e6, "doc": "frequency of the sound"},
         "bearing": {
             "default": 20.0, "units": "deg", "at_least": -90, "at_most": 90, "doc": "direction of the sound; 0 is in front of the line",
@@ -65,6 +65,18 @@ def etendue_variables() -> dict[str, Any]:
         "beam_width": {"long_name": "width of the main lobe at half power", "units": "deg", "better": "lower"},
         "side_lobe": {"long_name": "highest side lobe over the main lobe", "units": "dB", "better": "lower"},
         "sound_level": {"long_name": "sound pressure level of the main lobe", "units": "dB"},
+    }
+
+
+@hookimpl
+def etendue_dims() -> dict[str, Any]:
+    """Where stages are tried that do not say it themselves."""
+    return {
+        "microphone": {"units": "m", "example": [-0.2 + 0.08 * n for n in range(6)]},
+        "time": {"units": "s", "example": [n / 16000 for n in range(64)]},
+        "frequency": {"units": "Hz", "example": [500.0 + 250.0 * n for n in range(9)]},
+        "direction": {"units": "deg", "example": [-90.0 + 5.0 * n for n in range(37)]},
+        "part": {"example": ["real", "imaginary"]},
     }
 
 
