@@ -93,7 +93,7 @@ def _arrays(name: str, found: Any, writes: Mapping[str, Declaration], data: xr.D
     extra = sorted(set(map(str, found)) - {d.variable for d in writes.values()} - set(data.variables) - {"y_um", "x_um"})
     if extra:
         raise PluginError(f"{name}.run gave {', '.join(extra)}, which it does not write")
-    carried = {array.attrs.get("units") for array in data.values()}  # arithmetic of xarray hands on what it read, which claims nothing
+    carried = {str(one.attrs.get("units")) for one in (*data.data_vars.values(), *data.coords.values())}  # kept by arithmetic: no claim
     for declared in writes.values():
         if declared.variable not in found:
             if declared.optional:
