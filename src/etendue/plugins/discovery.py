@@ -85,6 +85,8 @@ class Discovery:
         self.points = [point for point, _, _ in known.values()]
         self._known = sorted(known.values(), key=lambda one: (one[1] != OWN, one[1], one[0].value))
         self._former = tuple(former)
+        mine = (point.value for point, name, _ in self._known if name == OWN)
+        self.own_packages = frozenset({OWN, *(value.partition(":")[0].partition(".")[0] for value in mine)})
         self._manager = pluggy.PluginManager(hookspecs.PROJECT)
         self._manager.add_hookspecs(hookspecs)
         self._lock = threading.Lock()
@@ -217,8 +219,7 @@ def installed() -> Discovery:
 
 def own_packages() -> frozenset[str]:
     """The packages of this distribution: the engine, and those of its manifests."""
-    mine = (point for point in installed().points if point.dist and point.dist.name == OWN)
-    return frozenset({OWN, *(point.value.partition(":")[0].partition(".")[0] for point in mine)})
+    return installed().own_packages
 
 
 def made_of(form: type[_Form], what: str, brought: Brought) -> _Form:
