@@ -1,34 +1,80 @@
-"""The door for plugins: everything a stage from another distribution needs of the engine."""
+"""The door for plugins: everything a stage from another distribution needs of the engine.
 
-from etendue.contract.capabilities import (
-    Banded,
-    Bounded,
-    ChannelTransfer,
-    Datasheet,
-    Haloed,
-    Noisy,
-    Probe,
-    Sampled,
-    Source,
-    Summed,
-    Tinting,
-    Transfer,
-    Viewed,
-    moves_light,
-)
-from etendue.contract.facts import UNKNOWN, Facts
-from etendue.contract.found import ends
-from etendue.contract.grid import RGB, XYZ, Bands, Grid, Labels, Line
-from etendue.contract.labelled import labelled
-from etendue.contract.parameter import param
-from etendue.contract.quantities import quantity
-from etendue.contract.stage import Stage, file_state
-from etendue.contract.stated import fitted, measured, proved
-from etendue.errors import EtendueError, Fault, PluginError, RequestError
+A name is imported when it is first asked for: a manifest, which asks for ``hookimpl`` alone, is read by every ``etendue --help``.
+"""
+# ruff: noqa: F401 - what is imported here is for others
+
+from typing import TYPE_CHECKING, Any
+
 from etendue.plugins.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    from etendue.contract.capabilities import (
+        Banded,
+        Bounded,
+        ChannelTransfer,
+        Datasheet,
+        Haloed,
+        Noisy,
+        Probe,
+        Sampled,
+        Source,
+        Summed,
+        Tinting,
+        Transfer,
+        Viewed,
+        moves_light,
+    )
+    from etendue.contract.facts import UNKNOWN, Facts
+    from etendue.contract.found import ends
+    from etendue.contract.grid import RGB, XYZ, Bands, Grid, Labels, Line
+    from etendue.contract.labelled import labelled
+    from etendue.contract.parameter import param
+    from etendue.contract.quantities import quantity
+    from etendue.contract.stage import Stage, file_state
+    from etendue.contract.stated import fitted, measured, proved
+    from etendue.errors import EtendueError, Fault, PluginError, RequestError
 
 __all__ = [
     "RGB", "UNKNOWN", "XYZ", "Banded", "Bands", "Bounded", "ChannelTransfer", "Datasheet", "EtendueError", "Facts", "Fault", "Grid",
     "Haloed", "Labels", "Line", "Noisy", "PluginError", "Probe", "RequestError", "Sampled", "Source", "Stage", "Summed", "Tinting",
     "Transfer", "Viewed", "ends", "file_state", "fitted", "hookimpl", "labelled", "measured", "moves_light", "param", "proved", "quantity",
 ]  # fmt: skip
+
+
+def _imported() -> dict[str, Any]:
+    """All of them. Import statements, so that what stands behind a name is found by reading this file (``plan.code``)."""
+    from etendue.contract.capabilities import (
+        Banded,
+        Bounded,
+        ChannelTransfer,
+        Datasheet,
+        Haloed,
+        Noisy,
+        Probe,
+        Sampled,
+        Source,
+        Summed,
+        Tinting,
+        Transfer,
+        Viewed,
+        moves_light,
+    )
+    from etendue.contract.facts import UNKNOWN, Facts
+    from etendue.contract.found import ends
+    from etendue.contract.grid import RGB, XYZ, Bands, Grid, Labels, Line
+    from etendue.contract.labelled import labelled
+    from etendue.contract.parameter import param
+    from etendue.contract.quantities import quantity
+    from etendue.contract.stage import Stage, file_state
+    from etendue.contract.stated import fitted, measured, proved
+    from etendue.errors import EtendueError, Fault, PluginError, RequestError
+
+    return locals()
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        globals().update(_imported())
+        return globals()[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
