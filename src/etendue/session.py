@@ -7,7 +7,6 @@ Out: an ``Outcome``: the tree, what was computed, reused and failed, and the row
 from __future__ import annotations
 
 import copy
-import os
 import time
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
@@ -31,11 +30,12 @@ from etendue.plan.reports import DONE, FAILED, LEFT_OUT, Reports
 from etendue.plan.resume import Work
 from etendue.plan.shown import shown_cells, where_shown
 from etendue.run.batches import Batch, BatchResult, partition
-from etendue.run.machine import check_machine, check_scheduler
+from etendue.run.machine import check_machine
 from etendue.run.memory import SELDOM_COLLECTING, TREES_OUT, keep_freed_memory
 from etendue.run.one_thread import ONE_THREAD
 from etendue.run.peak_memory import workers_of
-from etendue.run.serial import run_serial
+from etendue.run.schedulers import How, check_scheduler, far
+from etendue.run.schedulers import scheduler as scheduler_of
 from etendue.run.watch import Stop, watched
 
 
@@ -153,7 +153,7 @@ def execute(
     if archive is not None and "://" in str(archive):
         from etendue.archive import places
 
-        with places.writing(archive, options.scheduler) as folder:
+        with places.writing(archive, far(options.scheduler)) as folder:
             outcome = execute(plan, folder, options, progress)
         placed: Outcome = places.placed(outcome, folder, archive)
         return placed
@@ -178,7 +178,7 @@ def _execute(plan: Plan, keeping: Keeper, options: Options, progress: Progress) 
         work = keeper.begin(plan)
         shown = dict(work.shown) or {name: work.cells[ref] for name, ref in shown_cells(plan).items()}
         show = frozenset(ref for ref in shown.values() if keeper.draws and ref in work.todo)
-        place = keeper.place if options.scheduler in ("serial", "threads") else None
+        place = keeper.place if scheduler_of(options.scheduler).here else None
         looks = thumbnails.looks(work.plan, shown.values()) if keeper.draws else {}
         jobs = make_jobs(
             work.plan, work.todo, keeper.target, deliver_all=keeper.keeps_arrays, show=show, place=place,
@@ -314,22 +314,20 @@ def _keeper(archive: str | Path | None, options: Options) -> Keeper:
 
 
 def _run(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, options: Options, stop: Stop, mark: Any = None) -> None:
+    if not batches:
+        return
     keep_freed_memory()
     with ONE_THREAD, TABLES.run():
-        if options.scheduler == "serial":
-            watched(lambda: run_serial(batches, deliver, before, after, stop), stop)
-            return
         from etendue.archive.provenance import platform_record
-        from etendue.run.parallel import run_parallel
 
-        workers = options.workers or os.cpu_count() or 1
-        how: Any = (options.scheduler, workers, stop, options.cell_timeout, platform_record, mark)
-        watched(lambda: run_parallel(batches, deliver, before, after, *how), stop)
+        workers, run = workers_of(options.scheduler, options.workers), scheduler_of(options.scheduler).run()
+        how = How(options.scheduler, workers, stop, options.cell_timeout, platform_record, mark)
+        watched(lambda: run(batches, deliver, before, after, how), stop)
 
 
 def check_timeout(options: Options) -> None:
     """A time limit is a promise to stop a cell, which only a process of its own allows."""
-    if options.cell_timeout is not None and options.scheduler in ("serial", "threads"):
+    if options.cell_timeout is not None and scheduler_of(options.scheduler).here:
         what = f"with --scheduler {options.scheduler} nothing can stop a cell"
         raise RequestError(f"--cell-timeout {options.cell_timeout:g}: {what}; use --scheduler processes")
 

@@ -59,7 +59,8 @@ def test_a_file_starts_by_saying_what_it_is_about(path):
 def test_no_import_stands_in_a_function_to_break_a_circle():
     """An import of ours inside a function is there to save time at start; the doors of the house are the only places."""
     late = {  # what object stores need is dear, and a unit stands in the code behind transfer functions alone
-        "etendue/__init__.py", "etendue/__main__.py", "etendue/api.py", "etendue/session.py", "etendue/archive/places.py", "etendue/contract/dims.py",
+        "etendue/__init__.py", "etendue/__main__.py", "etendue/api.py", "etendue/session.py",
+        "etendue/archive/places.py", "etendue/contract/dims.py",
         "etendue/plugins/guests.py",  # which discovery starts
         "etendue_camera/export/archived.py",  # a method of archives
     }  # fmt: skip

@@ -88,7 +88,7 @@ def test_options_become_arguments_and_commands_stay(option, argument):
 
 
 def test_the_command_line_speaks_of_options_still():
-    from etendue.run.machine import check_scheduler
+    from etendue.run.schedulers import check_scheduler
 
     with pytest.raises(RequestError, match=r"^--scheduler thread"):
         check_scheduler("thread")

@@ -16,8 +16,8 @@ from etendue.contract.stage import Stage
 from etendue.contract.variables import parse_declaration
 from etendue.run.batches import partition, run_batch
 from etendue.run.order import depth_first
-from etendue.run.parallel import run_parallel
-from etendue.run.serial import run_serial
+from etendue.run.schedulers import SCHEDULERS, How
+from etendue.run.watch import Stop
 
 PORTS = ("a", "b", "c")
 
@@ -175,8 +175,8 @@ def test_serial_and_dask_give_what_the_graph_says(jobs, target):
     by_hand = {}
     for ref, job in jobs.items():
         by_hand[ref] = float(_mixed(job.stage.number, *(by_hand[r] for r in job.needs))["out"])
-    assert values_of(jobs, target, run_serial) == by_hand
-    assert values_of(jobs, target, lambda *a: run_parallel(*a, "threads", 2)) == by_hand
+    for name in ("serial", "threads"):
+        assert values_of(jobs, target, lambda *a, name=name: SCHEDULERS[name].run()(*a, How(name, 2, Stop()))) == by_hand
 
 
 def test_siblings_behind_the_same_two_batches_share_a_batch():

@@ -23,6 +23,7 @@ from etendue.run.batches import partition
 from etendue.run.cluster import connect, watching
 from etendue.run.cluster.alike import common_of
 from etendue.run.cluster.sending import AHEAD, Sending
+from etendue.run.schedulers import How
 from etendue.run.watch import Stop, Stopped
 from tests.run.small import SWEEP, assert_same_arrays, plan_of, run
 from tests.run.small import by_labels as labelled
@@ -216,7 +217,7 @@ def test_a_scheduler_that_cannot_be_reached_is_said_to_be_that(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(connect, "ANSWER", "0.3s")
     with pytest.raises(MachineError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers there .*dask scheduler.*--scheduler threads"):
-        connect.run_on_cluster([], frozenset(), None, None, "tcp://127.0.0.1:9", 1, Stop(), None, dict)
+        connect.run_on_cluster([], frozenset(), None, None, How("tcp://127.0.0.1:9", 1, Stop()))
 
 
 # -- on processes ---------------------------------------------------------------------------------------------------------------

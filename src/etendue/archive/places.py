@@ -113,8 +113,9 @@ def _sweep(work: Path) -> None:
 
 
 @contextmanager
-def writing(place: str | Path, scheduler: str = "", exact: bool = False) -> Iterator[Path]:
+def writing(place: str | Path, far: str = "", exact: bool = False) -> Iterator[Path]:
     """A folder into which a run may write; what has changed in it is on the object store at the end.
+    ``far``: the scheduler, where its workers may be on other machines.
 
     Raises
     ------
@@ -129,9 +130,9 @@ def writing(place: str | Path, scheduler: str = "", exact: bool = False) -> Iter
     from etendue import interrupts
     from etendue.archive.mirror import Mirror
 
-    if scheduler.startswith(("tcp://", "tls://")) and not os.environ.get("ETENDUE_WORK"):
+    if far and not os.environ.get("ETENDUE_WORK"):
         raise RequestError(
-            f"--scheduler {scheduler} with {place}: the workers of a cluster store through a folder that all of them see; "
+            f"--scheduler {far} with {place}: the workers of a cluster store through a folder that all of them see; "
             "name one on a shared file system, ETENDUE_WORK=DIR, or use another scheduler"
         )
     mirror = Mirror(str(place), exact)

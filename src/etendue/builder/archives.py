@@ -16,7 +16,7 @@ from etendue.calls import called_methods
 from etendue.present.plots import glance_page
 from etendue.present.plots.accessor import TreeAccessor
 from etendue.present.plots.glance import Glance, glance, glance_at
-from etendue.run.machine import check_scheduler
+from etendue.run.schedulers import check_scheduler
 from etendue.session import Options
 
 if TYPE_CHECKING:

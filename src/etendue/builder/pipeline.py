@@ -28,8 +28,8 @@ from etendue.pipeline.file import Pipeline as Written
 from etendue.pipeline.file import Source, parse_pipeline, read_pipeline
 from etendue.pipeline.overrides import TOP, axis_name
 from etendue.plan.planner import make_plan, summary
-from etendue.run.machine import check_scheduler
 from etendue.run.peak_memory import peak_memory, workers_of
+from etendue.run.schedulers import check_scheduler
 from etendue.session import Options, execute
 
 if TYPE_CHECKING:

@@ -14,6 +14,8 @@ from typing import Any
 
 import click
 
+from etendue.run.schedulers import NAMES
+
 
 class _Place(click.ParamType):  # type: ignore[type-arg]  # a generic to mypy; before click 8.4 it cannot be subscripted
     """Where an archive is: a folder, or ``s3://bucket/prefix/name``."""
@@ -53,7 +55,7 @@ SCHEDULER = click.option(
     default="threads",
     show_default=True,
     metavar="S",
-    help="serial, threads, processes, distributed (a Dask cluster of this machine for the run), or tcp://host:port.",
+    help=f"{NAMES}.",
 )
 MOST_CELLS = click.option(
     "--most-cells",

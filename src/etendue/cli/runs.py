@@ -50,8 +50,9 @@ def plan(given: Given, as_json: bool, scheduler: str, workers: int | None) -> No
     it; the exit code is then 5, as that of `run`.
     """
     from etendue.plan.planner import summary, without_collecting
-    from etendue.run.machine import check_machine, check_scheduler
+    from etendue.run.machine import check_machine
     from etendue.run.peak_memory import peak_memory, workers_of
+    from etendue.run.schedulers import check_scheduler
 
     here = Path.cwd()  # a plugin may change it
     count = workers_of(check_scheduler(scheduler), workers or 0)
@@ -116,7 +117,7 @@ def run(
     if hold is not None and (given.tolerance is not None or given.nothing_left_out):
         raise click.UsageError("--hold finds the tolerance: leave out --tolerance and --nothing-left-out")
     from etendue.present.terminal.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.run.machine import check_scheduler
+    from etendue.run.schedulers import check_scheduler, far
     from etendue.session import Options, check_timeout, execute
 
     options = Options(check_scheduler(scheduler), workers or 0, **how)
@@ -125,7 +126,7 @@ def run(
     place = from_here(here, archive or Path(pipeline.name))
     from etendue.archive import places
 
-    with places.writing(place, scheduler) as folder:
+    with places.writing(place, far(scheduler)) as folder:
         held = _held(pipeline, hold, folder, options, quiet) if hold is not None else None
         made = _plan(given, quiet or as_json, replace(pipeline, tolerance=held.tolerance) if held else pipeline)
         _warn(made, as_json)
@@ -167,12 +168,12 @@ def rerun(place: Path | str, as_json: bool, scheduler: str, workers: int | None,
     from etendue.archive import places
     from etendue.archive.again import recorded
     from etendue.present.terminal.terminal import TerminalProgress, outcome_document, print_outcome
-    from etendue.run.machine import check_scheduler
+    from etendue.run.schedulers import check_scheduler, far
     from etendue.session import Options, check_timeout, execute
 
     options = Options(check_scheduler(scheduler), workers or 0, **how)
     check_timeout(options)
-    with places.writing(place, scheduler) as folder:
+    with places.writing(place, far(scheduler)) as folder:
         given = Given(folder)
         made = _plan(given, quiet or as_json, recorded(folder).pipeline(options.most_cells))
         _warn(made, as_json)

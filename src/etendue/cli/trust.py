@@ -42,7 +42,7 @@ def reproduce(
     from etendue.archive import places
     from etendue.present.terminal.terminal import TerminalProgress
     from etendue.present.terminal.trust import print_reproduction
-    from etendue.run.machine import check_scheduler
+    from etendue.run.schedulers import check_scheduler
     from etendue.session import Options
     from etendue.trust.reproducing import document
     from etendue.trust.reproducing import reproduce as again
@@ -123,14 +123,14 @@ def verify(
                 checked |= {"sha256": sha256_of(folder)} if digest else {}
         else:
             from etendue.present.terminal.terminal import TerminalProgress
-            from etendue.run.machine import check_scheduler
+            from etendue.run.schedulers import check_scheduler, far
             from etendue.session import Options
             from etendue.trust.repairing import document as of_repaired
             from etendue.trust.repairing import repair as mend
 
             options = Options(check_scheduler(scheduler), workers or 0, accept_platform=accept_platform, most_cells=most_cells)
             sought = [here / path for path in sources]
-            with places.writing(place, scheduler, exact=True) as folder:
+            with places.writing(place, far(scheduler), exact=True) as folder:
                 mended = mend(folder, sought, options, None if quiet or as_json else TerminalProgress, told)
                 checked = places.named(of_repaired(mended), folder, place)
                 checked |= {"sha256": sha256_of(folder)} if digest else {}

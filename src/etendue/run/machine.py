@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from etendue.compute.tables import LARGEST_CACHE
-from etendue.errors import MachineError, RequestError, nearest
+from etendue.errors import MachineError
 from etendue.plan import machine
 from etendue.plan.cost import alike, cell_bytes
 from etendue.plan.model import Cell, CellRef, Plan
@@ -86,10 +86,3 @@ def _way_out(plan: Plan, one: int, room: int) -> str:
         what = f"one cell takes {human_bytes(one)}" if one > room else "nothing is swept"
         return f"; {what}: take a wider spacing of what it begins with, wider bands, a smaller window, or a shorter 'keep'"
     return f"; the axis {longest.key} has {len(longest.values)} values; shorten 'keep' or the sweep"
-
-
-def check_scheduler(text: str) -> str:
-    names = ("serial", "threads", "processes", "distributed")
-    if text not in names and not text.startswith(("tcp://", "tls://")):
-        raise RequestError(f"--scheduler {text}: there is no such scheduler{nearest(text, names)}, or tcp://host:port")
-    return text

@@ -1,4 +1,4 @@
-"""Dask runs the batches: one raw graph, a task per batch, on threads, processes or a cluster.
+"""Dask runs the batches: one raw graph, a task per batch, on threads, each of which may wait for a process.
 
 The only importer of dask. A raw graph costs 84 us a task where ``dask.delayed`` costs 1037.
 """
@@ -13,11 +13,11 @@ from uuid import uuid4
 
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
-from etendue.run.cluster.alike import Mark, Platform
-from etendue.run.cluster.connect import OWN, run_on_cluster
-from etendue.run.watch import Stop
+from etendue.run.schedulers import How
 from etendue.run.workers import Crew
 
+Before = Callable[[Batch], None]
+After = Callable[[Batch, BatchResult], None]
 Runner = Callable[..., BatchResult]  # of jobs, exports, imports, deliver and the results of the batches before
 
 
@@ -44,38 +44,21 @@ def _run(
     return runner(tuple(batch.jobs), tuple(batch.exports), imports, deliver, *before)
 
 
-def run_parallel(
-    batches: list[Batch],
-    deliver: Set[CellRef],
-    before: Callable[[Batch], None],
-    after: Callable[[Batch, BatchResult], None],
-    scheduler: str,
-    workers: int,
-    stop: Stop | None = None,
-    cell_timeout: float | None = None,
-    platform: Platform = dict,
-    mark: Mark | None = None,
-) -> None:
-    """Run the graph; ``before`` and ``after`` are told in the owner's process as batches start and end.
-
-    With processes the threads of the graph wait each for a process of its own, which may die. ``platform`` and ``mark`` say who may
-    compute on a cluster: what gives the bits they depend on, and a file that all must see.
-    """
-    if not batches:
-        return
-    stop = stop or Stop()
-    if scheduler == OWN or scheduler.startswith(("tcp://", "tls://")):
-        run_on_cluster(batches, deliver, before, after, scheduler, workers, stop, cell_timeout, platform, mark)
-        return
-    if scheduler == "processes":
-        with Crew(workers, stop, cell_timeout) as crew:
-            _threaded(batches, deliver, before, after, workers, stop, crew.run_batch)
-        return
-    _threaded(batches, deliver, before, after, workers, stop, run_batch)
+def run_threads(batches: list[Batch], deliver: Set[CellRef], before: Before, after: After, how: How) -> None:
+    """Run the graph on threads of this process."""
+    _threaded(batches, deliver, before, after, how, run_batch)
 
 
-def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Any, after: Any, workers: int, stop: Stop, runner: Runner) -> None:
+def run_processes(batches: list[Batch], deliver: Set[CellRef], before: Before, after: After, how: How) -> None:
+    """The threads of the graph wait each for a process of its own, which may die."""
+    with Crew(how.workers, how.stop, how.cell_timeout) as crew:
+        _threaded(batches, deliver, before, after, how, crew.run_batch)
+
+
+def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Before, after: After, how: How, runner: Runner) -> None:
     import dask.threaded
+
+    stop = how.stop
 
     def unless_stopped(*arguments: Any) -> BatchResult:
         stop.check()
@@ -96,5 +79,5 @@ def _threaded(batches: list[Batch], deliver: Set[CellRef], before: Any, after: A
     # Told by this call alone: a ``dask.callbacks.Callback`` hears of every graph of the process. A pool of our own: an interrupted run
     # waits for the batches under way before the archive is let go.
     told = [(None, None, started, ended, None)]
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(how.workers) as pool:
         dask.threaded.get(graph, ends, pool=pool, callbacks=told, chunksize=1, rerun_exceptions_locally=False)

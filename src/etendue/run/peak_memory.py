@@ -29,6 +29,7 @@ from etendue.plan.ancestry import ancestry
 from etendue.plan.model import CellRef, Plan
 from etendue.plan.shown import shown_cells
 from etendue.plugins.guests import is_guest
+from etendue.run import schedulers
 from etendue.run.batches import Batch, partition
 from etendue.run.order import depth_first
 from etendue.run.peak_segments import segment_bytes
@@ -54,7 +55,7 @@ class Peak:
 
 def workers_of(scheduler: str, workers: int) -> int:
     """How many cells are computed at once."""
-    return 1 if scheduler == "serial" else workers or os.cpu_count() or 1
+    return 1 if schedulers.scheduler(scheduler).single else workers or os.cpu_count() or 1
 
 
 def peak_memory(plan: Plan, workers: int = 1, in_memory: bool = False, pictures: bool = True) -> Peak:

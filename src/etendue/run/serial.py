@@ -7,7 +7,7 @@ from collections.abc import Callable, Set
 from etendue.plan.model import CellRef
 from etendue.run.batches import Batch, BatchResult, run_batch
 from etendue.run.order import depth_first
-from etendue.run.watch import Stop
+from etendue.run.schedulers import How
 
 
 def run_serial(
@@ -15,7 +15,7 @@ def run_serial(
     deliver: Set[CellRef],
     before: Callable[[Batch], None],
     after: Callable[[Batch, BatchResult], None],
-    stop: Stop | None = None,
+    how: How,
 ) -> None:
     """Run batches one after the other; ``before`` and ``after`` are told in the owner's thread."""
     finished: dict[int, BatchResult] = {}
@@ -25,8 +25,7 @@ def run_serial(
             readers[number] = readers.get(number, 0) + 1
     by_number = {batch.number: batch for batch in batches}
     for batch in (by_number[n] for n in depth_first(by_number, lambda n: by_number[n].inputs)):
-        if stop is not None:
-            stop.check()
+        how.stop.check()
         before(batch)
         inputs = sorted(batch.imports)
         result = run_batch(

@@ -48,7 +48,7 @@ def compare(
     """
     from etendue.present.terminal.terminal import TerminalProgress
     from etendue.result_files import check_folder
-    from etendue.run.machine import check_scheduler
+    from etendue.run.schedulers import check_scheduler
     from etendue.session import Options
     from etendue_lab.compare.axis import parse_axis
     from etendue_lab.compare.ranking import document, print_comparison, write_files
@@ -100,7 +100,7 @@ def quality(
     """
     from etendue.contract.registry import installed_stages
     from etendue.present.terminal.terminal import TerminalProgress
-    from etendue.run.machine import check_scheduler
+    from etendue.run.schedulers import check_scheduler
     from etendue.session import Options
     from etendue_lab.quality.study import pictures_of, write
     from etendue_lab.quality.study import quality as measure

@@ -18,10 +18,11 @@ from etendue.interrupts import is_ours
 from etendue.plan.model import CellRef
 from etendue.process import unwarned
 from etendue.run.batches import Batch, BatchResult
-from etendue.run.cluster.alike import Common, Mark, Platform, common_of, refused
+from etendue.run.cluster.alike import Common, common_of, refused
 from etendue.run.cluster.own import own_cluster
 from etendue.run.cluster.sending import Sending
 from etendue.run.cluster.watching import Lost
+from etendue.run.schedulers import How
 from etendue.run.watch import Stop, Stopped
 from etendue.telling import plain, said
 
@@ -33,11 +34,9 @@ ASKED = 4  # times a worker that gives no answer is asked again
 
 def run_on_cluster(
     batches: list[Batch], deliver: Set[CellRef], before: Callable[[Batch], None], after: Callable[[Batch, BatchResult], None],
-    address: str, workers: int, stop: Stop, cell_timeout: float | None, platform: Platform, mark: Mark | None = None,
+    how: How,
 ) -> None:  # fmt: skip
-    """Run batches at ``address``, or with ``workers`` processes of this machine where it is ``distributed``.
-
-    ``platform`` gives what bits depend on, ``mark`` is a file that every worker must see.
+    """Run batches on the cluster at an address, or with processes of this machine where it is ``distributed``.
 
     Raises
     ------
@@ -46,12 +45,13 @@ def run_on_cluster(
     MachineError
         There is no cluster, or it cannot go on.
     """
-    with _lost(address), _client(address, workers) as client:
+    address = how.address
+    with _lost(address), _client(address, how.workers) as client:
         stages = {type(job.stage) for batch in batches for job in batch.jobs}
-        common = common_of(uuid.uuid4().hex, sorted(stages, key=lambda kind: (kind.__module__, kind.__qualname__)), platform, mark)
-        _first_worker(client, address, stop)
+        common = common_of(uuid.uuid4().hex, sorted(stages, key=lambda kind: (kind.__module__, kind.__qualname__)), how.platform, how.mark)
+        _first_worker(client, address, how.stop)
         _ask(client, address, common)
-        Sending(client, batches, deliver, before, after, common, stop, cell_timeout).run()
+        Sending(client, batches, deliver, before, after, common, how.stop, how.cell_timeout).run()
 
 
 @contextmanager
