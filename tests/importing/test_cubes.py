@@ -1,5 +1,6 @@
 """Cubes written by each format's own library are read as what they are, and reach a picture; what is wrong is said in one line."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from click.testing import CliRunner
 import etendue
 from etendue.cli.program import main
 from etendue.errors import RequestError
+from etendue_camera.importing import formats
 from etendue_camera.importing.cube import PLANCK_LIGHT, as_light, in_order, read_cube, wavelengths_of
 
 WAVE = np.array([450.0, 500.0, 550.0, 600.0])
@@ -222,3 +224,18 @@ def test_wavelengths_stand_in_a_range_a_list_or_a_file(tmp_path):
     (tmp_path / "w.csv").write_text("450\n500\n550\n600\n")
     for text in ("450:600:50", "450,500,550,600", str(tmp_path / "w.csv")):
         np.testing.assert_array_equal(wavelengths_of(text), WAVE)
+
+
+@pytest.mark.parametrize("ending", formats.FORMATS)
+def test_every_format_has_a_reader_and_stands_in_the_documents_and_the_help(ending):
+    found = formats.FORMATS[ending]
+    assert callable(found.reader())
+    table = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
+    assert any(f"`{ending}`" in line.split("|")[1] for line in table.splitlines() if line.startswith("| `.")), ending
+    assert found.name in " ".join(CliRunner().invoke(main, ["import", "--help"]).output.split())
+
+
+def test_the_table_of_formats_names_none_that_is_not_read():
+    table = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
+    named = [word for line in table.splitlines() if line.startswith("| `.") for word in re.findall(r"`(\.\w+)`", line.split("|")[1])]
+    assert set(named) == set(formats.FORMATS)

@@ -8,9 +8,16 @@ from pathlib import Path
 import click
 
 from etendue.cli.saying import command
+from etendue_camera.importing.formats import NAMES
+
+HELP = f"""A spectral cube of another program as a scene: {NAMES}.
+
+Writes the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance (1 = white), which the
+pipeline's illuminant lights at white_luminance. Prints what the values are, the size on the sensor, and the lines of a pipeline.
+"""
 
 
-@command("import")
+@command("import", help=HELP)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="STORE", help="Default: FILE.zarr, here.")
 @click.option("--variable", default="", metavar="NAME", help="The array in the file, where there are several.")
@@ -36,11 +43,7 @@ def take(
     file: Path, output: Path | None, variable: str, axes: str, wavelengths: str | None, level: str, scale: float | None,
     spacing: float | None, white_at: str | None, white_reflectance: float, clip: bool,
 ) -> None:  # fmt: skip
-    """A spectral cube of another program as a scene: .npy, .npz, .mat (ISETCam), HDF5, ENVI, OpenEXR, TIFF.
-
-    Writes the Zarr store that the stage radiance_cube reads: spectral radiance in W m-2 sr-1 nm-1, or reflectance (1 = white), which the
-    pipeline's illuminant lights at white_luminance. Prints what the values are, the size on the sensor, and the lines of a pipeline.
-    """
+    """The command, whose words are ``HELP``."""
     import numpy as np
 
     from etendue.errors import RequestError

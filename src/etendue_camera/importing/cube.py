@@ -16,6 +16,7 @@ import numpy as np
 
 from etendue import plain_files
 from etendue.errors import RequestError, nearest
+from etendue_camera.importing.formats import FORMATS
 
 RADIANCE = "W m-2 sr-1 nm-1"
 RELATIVE = "1"
@@ -78,10 +79,6 @@ def read_cube(path: Path, variable: str = "") -> Cube:
 
 
 def _reader(path: Path) -> Callable[[Path, str], Cube]:
-    kinds = {
-        ".npy": "arrays:numpy_array", ".npz": "arrays:numpy_arrays", ".mat": "arrays:matlab", ".h5": "arrays:hdf5", ".hdf5": "arrays:hdf5",
-        ".hdr": "rasters:envi", ".exr": "rasters:openexr", ".tif": "rasters:tiff", ".tiff": "rasters:tiff",
-    }  # fmt: skip
     suffix = path.suffix.lower()
     if suffix in (".img", ".dat", ".raw", ".bil", ".bip", ".bsq") and path.with_suffix(".hdr").exists():
         raise RequestError(f"{path} is described by its header: import {path.with_suffix('.hdr')}")
@@ -89,10 +86,9 @@ def _reader(path: Path) -> Callable[[Path, str], Cube]:
         raise RequestError(
             f"{path} is a picture, of colours, not of spectra: the stage photograph takes it as a scene, etendue measure measures it"
         )
-    if suffix not in kinds:
-        raise RequestError(f"{path}: files {suffix or 'without an ending'} are unknown; known are {', '.join(kinds)}")
-    module, _, name = kinds[suffix].partition(":")
-    found: Callable[[Path, str], Cube] = getattr(importlib.import_module(f"etendue_camera.importing.{module}"), name)
+    if suffix not in FORMATS:
+        raise RequestError(f"{path}: files {suffix or 'without an ending'} are unknown; known are {', '.join(FORMATS)}")
+    found: Callable[[Path, str], Cube] = FORMATS[suffix].reader()
     return found
 
 

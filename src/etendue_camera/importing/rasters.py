@@ -1,4 +1,4 @@
-"""Cubes in files of pictures: ENVI, spectral OpenEXR, TIFF of several pages.
+"""Cubes in files of pictures: planes, one for each band.
 
 In:  a path.
 Out: a ``Cube``, wavelength in front.
