@@ -1,6 +1,6 @@
 """Archives and files made to do harm: what a reader's machine opens, waits for, holds and prints because of them.
 
-    python benchmarks/faults/hostile.py [--only fifo bomb] [--commands verify show] [--verbose]
+    python benchmarks/faults/hostile.py [--only fifo bomb] [--from KIND] [--commands verify show] [--verbose]
 
 In:  a small archive with an input, and files of the kinds that pipelines name; each is spoiled in a copy.
 Out: kind | command | exit code | CPU s and MB above those of a sound archive | what went wrong; exit code 1 where something did.
@@ -80,6 +80,11 @@ def watched(words: list[str], folder: Path, canary: Path, wait: float = WAIT) ->
     return Seen(process.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3, *said, outside, hangs)
 
 
+def remove(folder: Path) -> None:
+    """However deep it is: ``shutil.rmtree`` calls itself for every folder in a folder."""
+    subprocess.run(["rm", "-rf", str(folder)], check=True)
+
+
 def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
     """What went wrong with a command, in words."""
     seconds, memory = BOUNDS.get(command, SLOW)
@@ -98,6 +103,7 @@ def faults_of(seen: Seen, command: str, base: Seen) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--from", dest="first", default="", metavar="KIND", help="this kind and all that come after it")
     parser.add_argument("--commands", nargs="*", default=[])
     parser.add_argument("--wait", type=float, default=WAIT)
     parser.add_argument("--verbose", action="store_true")
@@ -110,6 +116,8 @@ def main() -> None:
         (canary / "secret.txt").write_text(LIGHT)
         sound = sound_archive(place / "sound")
         kinds = [(name, act, READERS) for name, act in ARCHIVES.items()] + [(name, *one) for name, one in FILES.items()]
+        names = [name for name, _, _ in kinds]
+        kinds = kinds[names.index(asked.first) :] if asked.first else kinds
         bases: dict[str, Seen] = {}
         print(f"{'kind':42} {'command':10} {'code':>4} {'CPU s':>6} {'MB':>5}  what went wrong")
         for name, act, commands in kinds:
@@ -119,10 +127,10 @@ def main() -> None:
                 folder = place / "case"
                 words = WORDS.get(command, [command, "tiny"])
                 if command not in bases:  # of a sound archive; of a file the least that Python takes
-                    shutil.rmtree(folder, ignore_errors=True)
+                    remove(folder)
                     shutil.copytree(sound, folder / "tiny")
                     bases[command] = watched(words if command in READERS else ["stages", "pixel"], folder, canary, asked.wait)
-                shutil.rmtree(folder, ignore_errors=True)
+                remove(folder)
                 folder.mkdir()
                 if name in ARCHIVES:
                     shutil.copytree(sound, folder / "tiny")
@@ -136,6 +144,7 @@ def main() -> None:
                 print(f"{name:42} {command:10} {seen.code:4} {more:6.1f} {larger:5.0f}  {'; '.join(found)}", flush=True)
                 if asked.verbose:
                     print("    | " + "\n    | ".join(line[:300] for line in (seen.out + seen.err).splitlines()[-8:]))
+            remove(folder)
         print(f"{wrong} of {tried} went wrong")
     sys.exit(bool(wrong))
 
