@@ -116,8 +116,7 @@ def main() -> None:
         (canary / "secret.txt").write_text(LIGHT)
         sound = sound_archive(place / "sound")
         kinds = [(name, act, READERS) for name, act in ARCHIVES.items()] + [(name, *one) for name, one in FILES.items()]
-        names = [name for name, _, _ in kinds]
-        kinds = kinds[names.index(asked.first) :] if asked.first else kinds
+        kinds = kinds[next(number for number, one in enumerate(kinds) if asked.first in one[0]) :]
         bases: dict[str, Seen] = {}
         print(f"{'kind':42} {'command':10} {'code':>4} {'CPU s':>6} {'MB':>5}  what went wrong")
         for name, act, commands in kinds:
