@@ -239,3 +239,18 @@ def test_the_table_of_formats_names_none_that_is_not_read():
     table = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
     named = [word for line in table.splitlines() if line.startswith("| `.") for word in re.findall(r"`(\.\w+)`", line.split("|")[1])]
     assert set(named) == set(formats.FORMATS)
+
+
+def test_numbers_that_a_header_reaches_through_a_link_out_of_its_folder_are_not_read(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "secret").write_bytes(bytes(96))
+    (tmp_path / "here").mkdir()
+    header = "ENVI\nsamples = 2\nlines = 3\nbands = 4\ndata type = 4\ninterleave = bsq\nbyte order = 0\nheader offset = 0\n"
+    (tmp_path / "here" / "cube.hdr").write_text(header)
+    (tmp_path / "here" / "cube.img").symlink_to(tmp_path / "elsewhere" / "secret")
+    with pytest.raises(RequestError, match="leads out of the folder"):
+        read_cube(tmp_path / "here" / "cube.hdr")
+    (tmp_path / "here" / "numbers").write_bytes(bytes(96))
+    (tmp_path / "here" / "cube.img").unlink()
+    (tmp_path / "here" / "cube.img").symlink_to("numbers")
+    assert read_cube(tmp_path / "here" / "cube.hdr").values.shape == (4, 3, 2)

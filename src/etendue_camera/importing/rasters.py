@@ -6,6 +6,7 @@ Out: a ``Cube``, wavelength in front.
 
 from __future__ import annotations
 
+import glob
 import math
 import re
 from pathlib import Path
@@ -25,6 +26,7 @@ _LAYER = re.compile(r"(?:S0|S|T)?\.?(\d+(?:[.,]\d+)?)\s*nm", re.IGNORECASE)
 def envi(path: Path, variable: str) -> Cube:
     """ENVI: the header, which names the file of numbers; wavelengths where it has them, a scale factor applied."""
     reader = needed("spectral.io.envi", f"{path} (ENVI)")
+    _refuse_leading_out(path)
     image = reader.open(str(path))
     plain_files.refuse_unfolding(math.prod(image.shape) * np.dtype(image.dtype).itemsize, Path(image.filename).stat().st_size, "it")
     values = np.moveaxis(np.asarray(image.load(scale=False)), 2, 0)
@@ -39,6 +41,14 @@ def envi(path: Path, variable: str) -> Cube:
         wavelength = centres * TO_NM[unit]
     factor = float(header.get("reflectance scale factor", 0) or 0)
     return Cube(values / np.float32(factor) if factor else values, wavelength, "relative" if factor else "", None, told)
+
+
+def _refuse_leading_out(header: Path) -> None:
+    """Nobody has named the file of numbers but its header: where it is a link, it stays in the header's folder."""
+    folder = header.parent.resolve()
+    for beside in header.parent.glob(f"{glob.escape(header.stem)}*"):
+        if beside != header and beside.is_symlink() and beside.resolve().parent != folder:
+            raise RequestError(f"{beside} is a link that leads out of the folder of its header; copy what it stands for there")
 
 
 def openexr(path: Path, variable: str) -> Cube:
