@@ -24,7 +24,7 @@ def test_a_stage_in_the_place_of_another_keeps_what_both_take_and_says_what_it_l
         **{"scene.use": "photograph", "scene.file": "package:etendue_camera/data/examples/picture.png", "demosaic.use": "demosaic_bilinear"}
     )
     (scene,) = plan.of("scene")
-    assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 250, 700)
+    assert (scene.use, scene.stage.white_luminance, scene.stage.width) == ("photograph", 360, 700)
     cube = planned(
         **{"scene.use": "radiance_cube", "scene.file": "package:etendue_camera/data/examples/cube.zarr", "scene.spacing": "60 um"}
     )
