@@ -350,7 +350,7 @@ def simulate(
     pipeline : path, TOML text, mapping, or an ``etendue.Pipeline``
     archive : folder, or s3://bucket/prefix/name, to keep and resume; or None to stay in memory
     want : variables, or one, to compute, instead of the file's ``wanted``
-    scheduler, workers : ``serial``, ``threads``, ``processes``, ``distributed`` or ``tcp://...``; threads or processes to use
+    scheduler, workers : as ``--scheduler`` takes it (``etendue run --help``); threads or processes to use
     leave_out : whether what the scene does not need may be left out
     **parameters : shared quantities by name, ``stage__parameter`` for others, ``seed``, ...; a list makes a sweep axis
 

@@ -83,3 +83,9 @@ def test_the_code_of_a_stage_that_builds_upon_another_is_that_of_both(tmp_path, 
     assert {"etendue_begun.stages", "etendue_camera.mosaic.stages.demosaic", "etendue_camera.mosaic.bilinear"} <= set(
         code.code_of(Begun).sources
     )
+
+
+def test_every_name_of_the_door_for_plugins_opens():
+    from etendue import api
+
+    assert [name for name in api.__all__ if getattr(api, name, None) is None] == []

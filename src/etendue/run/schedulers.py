@@ -38,12 +38,14 @@ class Scheduler:
 
     ``here``: cells are computed in the owner's process, where nothing can stop one. ``far``: by workers that may be on other machines,
     and see only folders that all of them share. ``single``: one cell at a time.
+    ``typed``: what help says, where that is more than its name.
     """
 
     place: str
     here: bool = False
     far: bool = False
     single: bool = False
+    typed: str = ""
 
     def run(self) -> Callable[..., None]:
         module, _, name = self.place.partition(":")
@@ -56,11 +58,11 @@ SCHEDULERS = {
     "serial": Scheduler("etendue.run.serial:run_serial", here=True, single=True),
     "threads": Scheduler("etendue.run.parallel:run_threads", here=True),
     "processes": Scheduler("etendue.run.parallel:run_processes"),
-    "distributed": Scheduler(_CLUSTER),
-    "tcp://": Scheduler(_CLUSTER, far=True),
-    "tls://": Scheduler(_CLUSTER, far=True),
+    "distributed": Scheduler(_CLUSTER, typed="distributed (a Dask cluster of this machine for the run)"),
+    "tcp://": Scheduler(_CLUSTER, far=True, typed="tcp://host:port"),
+    "tls://": Scheduler(_CLUSTER, far=True, typed="tls://host:port"),
 }
-NAMES = "serial, threads, processes, distributed (a Dask cluster of this machine for the run), or tcp://host:port"
+NAMES = ", ".join(one.typed or name for name, one in SCHEDULERS.items())
 
 
 def scheduler(text: str) -> Scheduler:
