@@ -25,8 +25,8 @@ _LAYER = re.compile(r"(?:S0|S|T)?\.?(\d+(?:[.,]\d+)?)\s*nm", re.IGNORECASE)
 
 def envi(path: Path, variable: str) -> Cube:
     """ENVI: the header, which names the file of numbers; wavelengths where it has them, a scale factor applied."""
-    reader = needed("spectral.io.envi", f"{path} (ENVI)")
     _refuse_leading_out(path)
+    reader = needed("spectral.io.envi", f"{path} (ENVI)")
     image = reader.open(str(path))
     plain_files.refuse_unfolding(math.prod(image.shape) * np.dtype(image.dtype).itemsize, Path(image.filename).stat().st_size, "it")
     values = np.moveaxis(np.asarray(image.load(scale=False)), 2, 0)
