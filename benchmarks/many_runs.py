@@ -318,7 +318,10 @@ def judged_by(trial: int, number: int, round_: int) -> None:
 
 @contextlib.contextmanager
 def process_unchanged() -> Iterator[list[str]]:
-    """What of the process is another behind it."""
+    """What of the process is another behind it.
+
+    Of equal filters the first alone says anything: libraries that set one in several threads leave it there twice.
+    """
     import os
     import warnings
 
@@ -327,7 +330,7 @@ def process_unchanged() -> Iterator[list[str]]:
     def state() -> dict[str, Any]:
         pools = {pool["filepath"]: pool["num_threads"] for pool in threadpool_info()}
         return {
-            "working folder": os.getcwd(), "filters of warnings": list(warnings.filters), "collector": (gc.isenabled(), gc.get_threshold()),
+            "working folder": os.getcwd(), "filters of warnings": list(dict.fromkeys(warnings.filters)), "collector": (gc.isenabled(), gc.get_threshold()),
             "frozen objects": gc.get_freeze_count(), "errors of numpy": np.geterr(), "threads of BLAS": pools,
         }  # fmt: skip
 
