@@ -192,8 +192,8 @@ def _stage(node: Node, stages: list[Node], used: list[str], record: Mapping[str,
 
 
 def _words(kind: type) -> str:
-    """The first line of what a stage says of itself."""
-    return (kind.__doc__ or "").strip().split("\n")[0]
+    """The first paragraph of what a stage says of itself."""
+    return " ".join((kind.__doc__ or "").strip().split("\n\n")[0].split())
 
 
 def _results(stages: list[Node]) -> list[str]:
